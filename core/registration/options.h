@@ -1,0 +1,83 @@
+#pragma once
+
+#include <string>
+#include <string_view>
+#include <vector>
+
+namespace saltus {
+
+/// See the table in core/README.md for what each model is made of.
+enum class Model { Gaussian, Wendland, Wendland1, Sliding };
+enum class SimilarityType { Ssd, Lncc };
+/// How much work is spent: `Fast` < `Balanced` < `Accurate`.
+enum class Preset { Fast, Balanced, Accurate };
+
+/// Everything that can be chosen about a registration. Defaults depend on model, similarity and preset and are
+/// made in one place, default_options. All expert parameters have a name for set_parameter.
+struct RegistrationOptions {
+  Model model = Model::Sliding;
+  SimilarityType similarity = SimilarityType::Lncc;
+  Preset preset = Preset::Balanced;
+
+  struct Pyramid {
+    int levels = 3;        ///< number of image levels, coarsest is 2^(levels-1) times the reference spacing
+    int finest_level = 0;  ///< 0: the optimisation ends at full resolution, 1: at half, ...
+  } pyramid;
+
+  struct Momenta {
+    double width_voxels = 9;          ///< kernel width sigma, in reference voxels of each momentum scale
+    int scales = 3;                   ///< number of order-0 scales, each twice as wide as the next
+    int finest_scale = 0;             ///< 0: the finest order-0 scale has width_voxels reference voxels, 1: twice that
+    double regularisation = 0.01;     ///< weight of 1/2 ||v_0||^2, per mm^2
+    double first_order_regularisation = 0.01;  ///< weight of 1/2 ||v_i||^2, per mm^2
+    double sparsity = 0;              ///< lambda of the group L1 on order 1, per mm
+    bool shear_only = false;          ///< drop component i of m_i, so that a jump can only slide
+  } momenta;
+
+  struct Flow {
+    int time_steps = 4;
+  } flow;
+
+  struct SimilarityParameters {
+    double weight = 1;       ///< multiplies the similarity
+    double radius_mm = 6;    ///< lncc: half width of the box window
+  } similarity_parameters;
+
+  struct Optimisation {
+    int max_iterations = 60;   ///< per level
+    double tolerance = 1e-4;   ///< relative energy decrease over five iterations at which a level ends
+    int history = 6;           ///< pairs kept by L-BFGS
+  } optimisation;
+
+  int threads = 0;  ///< 0: all that the process may use
+};
+
+RegistrationOptions default_options(Model model, SimilarityType similarity, Preset preset);
+
+/// One expert parameter, as `--set help` lists it.
+struct ParameterInfo {
+  std::string name;
+  std::string value;  ///< current value in the options it was listed from
+  std::string unit;   ///< "" for none
+  std::string range;  ///< e.g. "> 0" or "true|false"
+  std::string description;
+};
+
+std::vector<ParameterInfo> list_parameters(const RegistrationOptions& options);
+
+/// Sets the parameter called `name` from text. Throws InvalidInput naming the parameter, the value and what is allowed.
+void set_parameter(RegistrationOptions& options, std::string_view name, std::string_view value);
+
+/// Every reason why `options` cannot be used; empty when all is well.
+std::vector<std::string> problems(const RegistrationOptions& options);
+
+std::string to_string(Model model);
+std::string to_string(SimilarityType similarity);
+std::string to_string(Preset preset);
+
+/// The inverses of to_string. Throw InvalidInput that lists the names there are.
+Model parse_model(std::string_view text);
+SimilarityType parse_similarity(std::string_view text);
+Preset parse_preset(std::string_view text);
+
+}  // namespace saltus
