@@ -29,6 +29,8 @@ struct RegistrationOptions {
     int scales = 3;                   ///< number of order-0 scales, each twice as wide as the next
     int finest_scale = 0;             ///< 0: the finest order-0 scale has width_voxels reference voxels, 1: twice that
     double regularisation = 0.01;     ///< weight of 1/2 ||v_0||^2, per mm^2
+    int first_order_scales = 0;        ///< number of order-1 scales; 0 leaves order 1 out
+    int first_order_finest_scale = 0;  ///< as finest_scale, for order 1
     double first_order_regularisation = 0.01;  ///< weight of 1/2 ||v_i||^2, per mm^2
     double sparsity = 0;              ///< lambda of the group L1 on order 1, per mm
     bool shear_only = false;          ///< drop component i of m_i, so that a jump can only slide

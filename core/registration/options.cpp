@@ -1,0 +1,207 @@
+#include "core/registration/options.h"
+
+#include "core/support/errors.h"
+
+#include <charconv>
+#include <cmath>
+#include <functional>
+#include <limits>
+#include <sstream>
+#include <utility>
+
+namespace saltus {
+namespace {
+
+template <class Value>
+using Names = std::vector<std::pair<Value, const char*>>;
+
+const Names<Model> kModels = {{Model::Gaussian, "gaussian"},
+                              {Model::Wendland, "wendland"},
+                              {Model::Wendland1, "wendland1"},
+                              {Model::Sliding, "sliding"}};
+const Names<SimilarityType> kSimilarities = {{SimilarityType::Ssd, "ssd"}, {SimilarityType::Lncc, "lncc"}};
+const Names<Preset> kPresets = {{Preset::Fast, "fast"}, {Preset::Balanced, "balanced"}, {Preset::Accurate, "accurate"}};
+
+template <class Value>
+std::string name_of(const Names<Value>& names, Value value) {
+  for (const auto& [candidate, name] : names)
+    if (candidate == value) return name;
+  throw InvalidInput("unnamed enumerator " + std::to_string(static_cast<int>(value)));
+}
+
+template <class Value>
+Value value_of(const Names<Value>& names, std::string_view what, std::string_view text) {
+  std::string all;
+  for (const auto& [value, name] : names) {
+    if (text == name) return value;
+    all += (all.empty() ? "" : ", ") + std::string(name);
+  }
+  throw InvalidInput(std::string(what) + " is '" + std::string(text) + "'; it must be one of " + all);
+}
+
+std::string format(double value) {
+  std::ostringstream text;
+  text << value;
+  return text.str();
+}
+
+/// One row of the table of expert parameters; `check` returns "" or what is wrong.
+struct Parameter {
+  std::string name, unit, range, description;
+  std::function<std::string(const RegistrationOptions&)> get;
+  std::function<bool(RegistrationOptions&, std::string_view)> set;
+  std::function<bool(const RegistrationOptions&)> is_valid;
+};
+
+enum class Lower { Inclusive, Exclusive };
+
+template <class Access>
+Parameter real(std::string name, std::string unit, double low, Lower bound, double high, std::string description,
+               Access access) {
+  std::string range = (bound == Lower::Exclusive ? "> " : ">= ") + format(low);
+  if (std::isfinite(high)) range += ", <= " + format(high);
+  return {std::move(name), std::move(unit), range, std::move(description),
+          [access](const RegistrationOptions& o) { return format(access(const_cast<RegistrationOptions&>(o))); },
+          [access](RegistrationOptions& o, std::string_view text) {
+            double value = 0;
+            const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
+            if (error != std::errc() || end != text.data() + text.size()) return false;
+            access(o) = value;
+            return true;
+          },
+          [=](const RegistrationOptions& o) {
+            const double value = access(const_cast<RegistrationOptions&>(o));
+            return std::isfinite(value) && (bound == Lower::Exclusive ? value > low : value >= low) && value <= high;
+          }};
+}
+
+template <class Access>
+Parameter integer(std::string name, std::string unit, int low, int high, std::string description, Access access) {
+  return {std::move(name), std::move(unit), std::to_string(low) + " to " + std::to_string(high), std::move(description),
+          [access](const RegistrationOptions& o) { return std::to_string(access(const_cast<RegistrationOptions&>(o))); },
+          [access](RegistrationOptions& o, std::string_view text) {
+            int value = 0;
+            const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
+            if (error != std::errc() || end != text.data() + text.size()) return false;
+            access(o) = value;
+            return true;
+          },
+          [=](const RegistrationOptions& o) {
+            const int value = access(const_cast<RegistrationOptions&>(o));
+            return value >= low && value <= high;
+          }};
+}
+
+template <class Access>
+Parameter boolean(std::string name, std::string description, Access access) {
+  return {std::move(name), "", "true|false", std::move(description),
+          [access](const RegistrationOptions& o) {
+            return std::string(access(const_cast<RegistrationOptions&>(o)) ? "true" : "false");
+          },
+          [access](RegistrationOptions& o, std::string_view text) {
+            if (text != "true" && text != "false") return false;
+            access(o) = text == "true";
+            return true;
+          },
+          [](const RegistrationOptions&) { return true; }};
+}
+
+const std::vector<Parameter>& parameters() {
+  using O = RegistrationOptions;
+  constexpr double inf = std::numeric_limits<double>::infinity();
+  static const std::vector<Parameter> table = {
+      integer("levels", "", 1, 8, "number of image pyramid levels", [](O& o) -> auto& { return o.pyramid.levels; }),
+      integer("finest_level", "", 0, 4, "0: the optimisation ends at full resolution, 1: at half, ...",
+              [](O& o) -> auto& { return o.pyramid.finest_level; }),
+      real("width_voxels", "voxels of the scale", 1, Lower::Inclusive, 64, "kernel width sigma of every scale",
+           [](O& o) -> auto& { return o.momenta.width_voxels; }),
+      integer("scales", "", 1, 8, "number of order-0 scales, each twice as wide as the next finer",
+              [](O& o) -> auto& { return o.momenta.scales; }),
+      integer("finest_scale", "", 0, 7, "voxel of the finest order-0 scale is 2^this reference voxels",
+              [](O& o) -> auto& { return o.momenta.finest_scale; }),
+      real("regularisation", "per mm^2", 0, Lower::Exclusive, inf, "weight of the order-0 part of the energy",
+           [](O& o) -> auto& { return o.momenta.regularisation; }),
+      integer("first_order_scales", "", 0, 8, "number of order-1 scales; 0 leaves order 1 out",
+              [](O& o) -> auto& { return o.momenta.first_order_scales; }),
+      integer("first_order_finest_scale", "", 0, 7, "voxel of the finest order-1 scale is 2^this reference voxels",
+              [](O& o) -> auto& { return o.momenta.first_order_finest_scale; }),
+      real("first_order_regularisation", "per mm^2", 0, Lower::Exclusive, inf,
+           "weight of the order-1 part of the energy", [](O& o) -> auto& { return o.momenta.first_order_regularisation; }),
+      real("sparsity", "per mm", 0, Lower::Inclusive, inf, "lambda of the group L1 norm on first-order momenta",
+           [](O& o) -> auto& { return o.momenta.sparsity; }),
+      boolean("shear_only", "leave out the component of m_i along axis i, so that a jump can only slide",
+              [](O& o) -> auto& { return o.momenta.shear_only; }),
+      integer("time_steps", "", 1, 64, "steps of the flow over [0,1]", [](O& o) -> auto& { return o.flow.time_steps; }),
+      real("similarity_weight", "", 0, Lower::Exclusive, inf, "multiplies the similarity",
+           [](O& o) -> auto& { return o.similarity_parameters.weight; }),
+      real("lncc_radius_mm", "mm", 0, Lower::Exclusive, inf, "half width of the window of lncc",
+           [](O& o) -> auto& { return o.similarity_parameters.radius_mm; }),
+      integer("max_iterations", "", 0, 10000, "iterations on each level",
+              [](O& o) -> auto& { return o.optimisation.max_iterations; }),
+      real("tolerance", "", 0, Lower::Inclusive, 1, "a level ends when five iterations lower the energy by less, relatively",
+           [](O& o) -> auto& { return o.optimisation.tolerance; }),
+      integer("history", "", 1, 50, "pairs that L-BFGS keeps", [](O& o) -> auto& { return o.optimisation.history; }),
+  };
+  return table;
+}
+
+}  // namespace
+
+std::string to_string(Model model) { return name_of(kModels, model); }
+std::string to_string(SimilarityType similarity) { return name_of(kSimilarities, similarity); }
+std::string to_string(Preset preset) { return name_of(kPresets, preset); }
+
+Model parse_model(std::string_view text) { return value_of(kModels, "model", text); }
+SimilarityType parse_similarity(std::string_view text) { return value_of(kSimilarities, "similarity", text); }
+Preset parse_preset(std::string_view text) { return value_of(kPresets, "preset", text); }
+
+std::vector<ParameterInfo> list_parameters(const RegistrationOptions& options) {
+  std::vector<ParameterInfo> list;
+  for (const Parameter& p : parameters()) list.push_back({p.name, p.get(options), p.unit, p.range, p.description});
+  return list;
+}
+
+void set_parameter(RegistrationOptions& options, std::string_view name, std::string_view value) {
+  for (const Parameter& p : parameters()) {
+    if (p.name != name) continue;
+    RegistrationOptions changed = options;
+    if (!p.set(changed, value) || !p.is_valid(changed))
+      throw InvalidInput("parameter " + p.name + " is '" + std::string(value) + "'; it must be " + p.range);
+    options = changed;
+    return;
+  }
+  throw InvalidInput("there is no parameter '" + std::string(name) + "'; `saltus register --set help` lists them");
+}
+
+std::vector<std::string> problems(const RegistrationOptions& options) {
+  std::vector<std::string> found;
+  for (const Parameter& p : parameters())
+    if (!p.is_valid(options)) found.push_back("parameter " + p.name + " is " + p.get(options) + "; it must be " + p.range);
+  if (options.pyramid.finest_level >= options.pyramid.levels)
+    found.push_back("parameter finest_level is " + std::to_string(options.pyramid.finest_level) +
+                    "; it must be less than levels, which is " + std::to_string(options.pyramid.levels));
+  if (options.threads < 0) found.push_back("threads is " + std::to_string(options.threads) + "; it must be 0 or more");
+  return found;
+}
+
+RegistrationOptions default_options(Model model, SimilarityType similarity, Preset preset) {
+  RegistrationOptions o;
+  o.model = model;
+  o.similarity = similarity;
+  o.preset = preset;
+  switch (model) {
+    case Model::Gaussian:
+    case Model::Wendland:
+      o.momenta.first_order_scales = 0;
+      break;
+    case Model::Wendland1:
+      o.momenta.first_order_scales = o.momenta.scales;
+      break;
+    case Model::Sliding:
+      o.momenta.first_order_scales = 1;
+      break;
+  }
+  return o;
+}
+
+}  // namespace saltus
