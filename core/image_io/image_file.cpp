@@ -1,0 +1,299 @@
+#include "core/image_io/image_file.h"
+
+#include <itkMetaImageIO.h>
+#include <itkNiftiImageIO.h>
+#include <itkNrrdImageIO.h>
+#include <itkPNGImageIO.h>
+#include <zlib.h>
+
+#include <algorithm>
+#include <fstream>
+#include <memory>
+#include <sstream>
+#include <string>
+
+#include "core/image_io/nifti_header.h"
+#include "core/image_io/nrrd_header.h"
+#include "core/image_io/temporary_file.h"
+#include "core/support/errors.h"
+
+namespace saltus {
+namespace {
+
+itk::ImageIOBase::Pointer make_image_io(ImageFormat format) {
+  switch (format) {
+    case ImageFormat::MetaImage:
+      return itk::MetaImageIO::New().GetPointer();
+    case ImageFormat::Nifti:
+    case ImageFormat::CompressedNifti:
+      return itk::NiftiImageIO::New().GetPointer();
+    case ImageFormat::Nrrd:
+      return itk::NrrdImageIO::New().GetPointer();
+    case ImageFormat::Png:
+      return itk::PNGImageIO::New().GetPointer();
+  }
+  throw InvalidInput("image format " + std::to_string(static_cast<int>(format)) + " does not exist");
+}
+
+[[noreturn]] void refuse(const std::filesystem::path& path, const std::string& reason) {
+  throw FileError("cannot read " + path.filename().string() + ": " + reason);
+}
+
+/// What ITK says, on one line, without its class and address prefix and without the folder.
+std::string reason(const itk::ExceptionObject& error, const std::filesystem::path& path) {
+  std::string text = error.GetDescription();
+  if (const auto prefix = text.find("): "); text.starts_with("itk::ERROR") && prefix != std::string::npos)
+    text.erase(0, prefix + 3);
+  const std::string full = path.string();
+  for (auto at = text.find(full); at != std::string::npos; at = text.find(full, at))
+    text.replace(at, full.size(), path.filename().string());
+  std::string line;
+  std::istringstream words(text);
+  for (std::string word; words >> word;) {
+    if (!line.empty()) line += ' ';
+    line += word;
+  }
+  return line;
+}
+
+struct OpenedImage {
+  itk::ImageIOBase::Pointer io;
+  ImageFileHeader header;
+  std::size_t voxels = 0;
+};
+
+std::string dimension_text(const itk::ImageIOBase& io) {
+  std::string text;
+  for (unsigned axis = 0; axis < io.GetNumberOfDimensions(); ++axis) {
+    if (axis > 0) text += 'x';
+    text += std::to_string(io.GetDimensions(axis));
+  }
+  return text;
+}
+
+/// Reads the header and refuses what must not reach the voxels.
+OpenedImage open_image(const std::filesystem::path& path) {
+  const ImageFormat format = format_from_suffix(path);
+  std::error_code error;
+  if (!std::filesystem::exists(path, error)) refuse(path, "there is no such file");
+  if (!std::filesystem::is_regular_file(path, error)) refuse(path, "it is not a regular file");
+  const std::uintmax_t file_size = std::filesystem::file_size(path, error);
+  if (error) refuse(path, error.message());
+
+  OpenedImage image;
+  bool is_raw = format == ImageFormat::Nifti;
+  if (format == ImageFormat::Nrrd) is_raw = read_nrrd_header(path).is_raw;
+  int nifti_dimension = 0;
+  if (format == ImageFormat::Nifti || format == ImageFormat::CompressedNifti)
+    nifti_dimension = read_nifti_header(path).dimension;
+
+  image.io = make_image_io(format);
+  if (!image.io->CanReadFile(path.c_str())) refuse(path, "its content is not what its name promises");
+  image.io->SetFileName(path.string());
+  image.io->ReadImageInformation();
+  if (format == ImageFormat::MetaImage) {
+    const MetaImage* meta = static_cast<itk::MetaImageIO&>(*image.io).GetMetaImagePointer();
+    const std::string data_file = meta->ElementDataFileName();
+    if (data_file != "LOCAL" && data_file != "Local" && data_file != "local")
+      refuse(path, "its voxels are in another file; save header and voxels in one .mha file");
+    is_raw = meta->BinaryData() && !meta->CompressedData();
+  }
+
+  const int io_dimension = image.io->GetNumberOfDimensions();
+  ImageFileHeader& header = image.header;
+  header.dimension = nifti_dimension > 0 ? nifti_dimension : io_dimension;
+  for (int axis = io_dimension - 1; axis >= 3 && image.io->GetDimensions(axis) == 1; --axis)
+    header.dimension = std::min(header.dimension, axis);
+  if (header.dimension < 2 || header.dimension > 3)
+    refuse(path, "it has " + std::to_string(header.dimension) + " dimensions (" + dimension_text(*image.io) +
+                     "); use a 2-D or 3-D image");
+
+  image.voxels = 1;
+  constexpr std::size_t most_voxels = std::size_t{1} << 31;
+  for (int axis = 0; axis < header.dimension; ++axis) {
+    header.size[axis] = axis < io_dimension ? image.io->GetDimensions(axis) : 1;
+    if (header.size[axis] < 1 || header.size[axis] > most_voxels / image.voxels)
+      refuse(path, "its size " + dimension_text(*image.io) + " is not between 1 and 2^31 voxels");
+    image.voxels *= header.size[axis];
+    if (axis >= io_dimension) continue;
+    header.spacing[axis] = image.io->GetSpacing(axis);
+    header.origin[axis] = image.io->GetOrigin(axis);
+    const auto direction = image.io->GetDirection(axis);
+    for (int row = 0; row < std::min(header.dimension, io_dimension); ++row)
+      header.direction[axis][row] = direction[row];
+  }
+  // ITK drops the third axis of a NIfTI file of one slice.
+  if (io_dimension < header.dimension) {
+    const NiftiPlacement placement = read_nifti_placement(path);
+    header.spacing = placement.spacing;
+    header.origin = placement.origin;
+    header.direction = placement.direction;
+  }
+  header.components = image.io->GetNumberOfComponents();
+  if (image.io->GetPixelType() == itk::IOPixelEnum::COMPLEX) refuse(path, "its voxels are complex numbers");
+  if (header.components < 1 || header.components > 16)
+    refuse(path, "it has " + std::to_string(header.components) + " components a voxel");
+
+  // Deflate cannot make anything smaller than by a factor of 1032.
+  const std::uintmax_t most_bytes = is_raw ? file_size : 1032 * file_size;
+  if (image.voxels * header.components > most_bytes / image.io->GetComponentSize())
+    refuse(path, "its header promises " + dimension_text(*image.io) + " voxels, more than its " +
+                     std::to_string(file_size) + " bytes can hold; it is cut off or damaged");
+  if (format == ImageFormat::Png && (header.components == 2 || header.components == 4))
+    refuse(path, "it has a transparency channel; save it without");
+  return image;
+}
+
+template <typename Sample>
+void read_samples(itk::ImageIOBase& io, std::vector<float>& samples) {
+  std::vector<Sample> raw(samples.size());
+  io.Read(raw.data());
+  std::transform(raw.begin(), raw.end(), samples.begin(), [](Sample sample) { return static_cast<float>(sample); });
+}
+
+void read_any_samples(itk::ImageIOBase& io, std::vector<float>& samples) {
+  using Type = itk::IOComponentEnum;
+  switch (io.GetComponentType()) {
+    case Type::FLOAT:
+      return io.Read(samples.data());
+    case Type::DOUBLE:
+      return read_samples<double>(io, samples);
+    case Type::UCHAR:
+      return read_samples<unsigned char>(io, samples);
+    case Type::CHAR:
+      return read_samples<signed char>(io, samples);
+    case Type::USHORT:
+      return read_samples<unsigned short>(io, samples);
+    case Type::SHORT:
+      return read_samples<short>(io, samples);
+    case Type::UINT:
+      return read_samples<unsigned int>(io, samples);
+    case Type::INT:
+      return read_samples<int>(io, samples);
+    case Type::ULONG:
+      return read_samples<unsigned long>(io, samples);
+    case Type::LONG:
+      return read_samples<long>(io, samples);
+    case Type::ULONGLONG:
+      return read_samples<unsigned long long>(io, samples);
+    case Type::LONGLONG:
+      return read_samples<long long>(io, samples);
+    default:
+      throw FileError("cannot read " + std::filesystem::path(io.GetFileName()).filename().string() +
+                      ": its voxels are of the type " + io.GetComponentTypeAsString(io.GetComponentType()) +
+                      ", which is not supported");
+  }
+}
+
+/// Whole image as ITK's region of interest.
+itk::ImageIORegion whole(const itk::ImageIOBase& io) {
+  itk::ImageIORegion region(io.GetNumberOfDimensions());
+  for (unsigned axis = 0; axis < io.GetNumberOfDimensions(); ++axis) {
+    region.SetIndex(axis, 0);
+    region.SetSize(axis, io.GetDimensions(axis));
+  }
+  return region;
+}
+
+void to_luminance(ImageFile& image) {
+  const std::size_t pixels = image.samples.size() / 3;
+  for (std::size_t i = 0; i < pixels; ++i) {
+    const float* rgb = image.samples.data() + 3 * i;
+    image.samples[i] = static_cast<float>((2125.0 * rgb[0] + 7154.0 * rgb[1] + 721.0 * rgb[2]) / 10000.0);
+  }
+  image.samples.resize(pixels);
+  image.header.components = 1;
+}
+
+void compress(const std::filesystem::path& from, const std::filesystem::path& to, const std::string& name) {
+  auto fail = [&name] { throw FileError("cannot write " + name + ": compressing it failed, is the disk full?"); };
+  std::ifstream input(from, std::ios::binary);
+  std::unique_ptr<gzFile_s, decltype(&gzclose)> output(gzopen(to.c_str(), "wb1"), &gzclose);
+  if (!input || !output) fail();
+  std::vector<char> block(1 << 20);
+  while (input.read(block.data(), block.size()), input.gcount() > 0) {
+    if (gzwrite(output.get(), block.data(), input.gcount()) != input.gcount()) fail();
+  }
+  if (!input.eof() || gzclose(output.release()) != Z_OK) fail();
+}
+
+template <typename Sample>
+void write_any(const std::filesystem::path& path, const ImageFileHeader& header, std::span<const Sample> samples,
+               itk::IOComponentEnum component_type) {
+  const ImageFormat format = format_from_suffix(path);
+  const std::string name = path.filename().string();
+  std::filesystem::path plain_target = path;
+  if (format == ImageFormat::CompressedNifti) plain_target.replace_extension();
+  TemporaryFile plain(plain_target);
+  try {
+    const auto io = make_image_io(format);
+    if (format == ImageFormat::MetaImage) static_cast<itk::MetaImageIO&>(*io).SetDoublePrecision(17);
+    io->SetFileName(plain.path().string());
+    io->SetNumberOfDimensions(header.dimension);
+    for (int axis = 0; axis < header.dimension; ++axis) {
+      io->SetDimensions(axis, header.size[axis]);
+      io->SetSpacing(axis, header.spacing[axis]);
+      io->SetOrigin(axis, header.origin[axis]);
+      const auto& direction = header.direction[axis];
+      io->SetDirection(axis, std::vector<double>(direction.begin(), direction.begin() + header.dimension));
+    }
+    io->SetNumberOfComponents(header.components);
+    io->SetPixelType(header.components == 1 ? itk::IOPixelEnum::SCALAR : itk::IOPixelEnum::VECTOR);
+    io->SetComponentType(component_type);
+    io->SetUseCompression(format == ImageFormat::Png);
+    io->SetIORegion(whole(*io));
+    io->Write(samples.data());
+  } catch (const itk::ExceptionObject& error) {
+    throw FileError("cannot write " + name + ": " + reason(error, plain.path()));
+  }
+  // Not every writer of ITK notices that the disk is full.
+  std::error_code error;
+  const std::uintmax_t written = std::filesystem::file_size(plain.path(), error);
+  if (error || (format != ImageFormat::Png && written < samples.size_bytes()))
+    throw FileError("cannot write " + name + ": the file came out too short, is the disk full?");
+
+  if (format == ImageFormat::CompressedNifti) {
+    TemporaryFile packed(path);
+    compress(plain.path(), packed.path(), name);
+    packed.take_place();
+  } else {
+    plain.take_place();
+  }
+}
+
+}  // namespace
+
+ImageFileHeader read_image_header(const std::filesystem::path& path) {
+  try {
+    ImageFileHeader header = open_image(path).header;
+    if (format_from_suffix(path) == ImageFormat::Png) header.components = 1;
+    return header;
+  } catch (const itk::ExceptionObject& error) {
+    refuse(path, reason(error, path));
+  }
+}
+
+ImageFile read_image_file(const std::filesystem::path& path) {
+  try {
+    const OpenedImage opened = open_image(path);
+    ImageFile image{opened.header, std::vector<float>(opened.voxels * opened.header.components)};
+    opened.io->SetIORegion(whole(*opened.io));
+    read_any_samples(*opened.io, image.samples);
+    if (format_from_suffix(path) == ImageFormat::Png && image.header.components == 3) to_luminance(image);
+    return image;
+  } catch (const itk::ExceptionObject& error) {
+    refuse(path, reason(error, path));
+  }
+}
+
+void write_image_file(const std::filesystem::path& path, const ImageFileHeader& header,
+                      std::span<const float> samples) {
+  write_any(path, header, samples, itk::IOComponentEnum::FLOAT);
+}
+
+void write_image_file(const std::filesystem::path& path, const ImageFileHeader& header,
+                      std::span<const std::uint8_t> samples) {
+  write_any(path, header, samples, itk::IOComponentEnum::UCHAR);
+}
+
+}  // namespace saltus

@@ -1,0 +1,28 @@
+#pragma once
+
+#include <array>
+#include <filesystem>
+
+namespace saltus {
+
+/// What a NIfTI-1 header says and ITK's reader does not pass on.
+struct NiftiHeader {
+  int dimension = 0;   ///< of space, 2 or 3 (4 or more: time or the like has more than one value)
+  int components = 1;  ///< values a voxel
+};
+
+/// Where the voxels are, in LPS millimetres.
+struct NiftiPlacement {
+  std::array<double, 3> spacing{};
+  std::array<double, 3> origin{};
+  std::array<std::array<double, 3>, 3> direction{};  ///< [j] is the world direction of grid axis j
+};
+
+/// Reads the first 348 bytes of a .nii or .nii.gz. Throws FileError unless it is a NIfTI-1 header of a single file.
+NiftiHeader read_nifti_header(const std::filesystem::path& path);
+
+/// All three axes of a file that has one slice, where ITK's reader gives two only. Chooses between sform and qform as
+/// ITK does, see read_image.h. Throws FileError.
+NiftiPlacement read_nifti_placement(const std::filesystem::path& path);
+
+}  // namespace saltus

@@ -1,0 +1,295 @@
+#include <gmock/gmock.h>
+#include <itkImageFileReader.h>
+#include <itkImageFileWriter.h>
+#include <itkMetaImageIO.h>
+#include <itkNiftiImageIO.h>
+#include <itkNrrdImageIO.h>
+#include <itkPNGImageIO.h>
+#include <itkRGBPixel.h>
+#include <sys/resource.h>
+
+#include <csignal>
+#include <numeric>
+
+#include "core/image_io/read_image.h"
+#include "core/image_io/write_image.h"
+#include "core/support/errors.h"
+#include "tests/integration/image_io/sample_images.h"
+
+namespace saltus {
+namespace {
+
+using testing::expect_same_place;
+using testing::oblique_grid;
+using testing::sample_vectors;
+using testing::sample_volume;
+using testing::TemporaryFolder;
+
+itk::ImageIOBase::Pointer itk_io(const std::string& suffix) {
+  if (suffix == ".mha") return itk::MetaImageIO::New().GetPointer();
+  if (suffix == ".nrrd") return itk::NrrdImageIO::New().GetPointer();
+  if (suffix == ".png") return itk::PNGImageIO::New().GetPointer();
+  return itk::NiftiImageIO::New().GetPointer();
+}
+
+/// NIfTI stores origin and directions as floats; corners are up to 250 mm from 0, and an ulp of 250 is 1.5e-5.
+double place_tolerance(const std::string& suffix) { return suffix.starts_with(".nii") ? 1e-4 : 1e-9; }
+
+template <typename ItkImage>
+typename ItkImage::Pointer read_with_itk(const std::filesystem::path& path, const std::string& suffix) {
+  auto reader = itk::ImageFileReader<ItkImage>::New();
+  reader->SetImageIO(itk_io(suffix));
+  reader->SetFileName(path.string());
+  reader->Update();
+  return reader->GetOutput();
+}
+
+template <typename ItkImage>
+void write_with_itk(const ItkImage* image, const std::filesystem::path& path, const std::string& suffix) {
+  auto writer = itk::ImageFileWriter<ItkImage>::New();
+  writer->SetImageIO(itk_io(suffix));
+  writer->SetFileName(path.string());
+  writer->SetInput(image);
+  writer->Update();
+}
+
+template <typename ItkImage, int Dim>
+typename ItkImage::Pointer make_itk_image(const ImageGrid<Dim>& grid) {
+  auto image = ItkImage::New();
+  typename ItkImage::SizeType size;
+  typename ItkImage::SpacingType spacing;
+  typename ItkImage::PointType origin;
+  typename ItkImage::DirectionType direction;
+  for (int axis = 0; axis < Dim; ++axis) {
+    size[axis] = grid.size[axis];
+    spacing[axis] = grid.spacing[axis];
+    origin[axis] = grid.origin[axis];
+    for (int row = 0; row < Dim; ++row) direction(row, axis) = grid.direction(row, axis);
+  }
+  image->SetRegions(size);
+  image->SetSpacing(spacing);
+  image->SetOrigin(origin);
+  image->SetDirection(direction);
+  image->Allocate();
+  return image;
+}
+
+/// ITK's own idea of where voxels are against ours, at every voxel.
+template <int Dim, typename ItkImage>
+void expect_itk_agrees(const ItkImage& image, const ImageGrid<Dim>& grid, double tolerance_mm) {
+  for (std::size_t i = 0; i < grid.voxels(); ++i) {
+    const auto index = image.ComputeIndex(i);
+    typename ItkImage::PointType point;
+    image.TransformIndexToPhysicalPoint(index, point);
+    Vector<Dim> ours;
+    for (int axis = 0; axis < Dim; ++axis) ours[axis] = index[axis];
+    ours = grid.to_world(ours);
+    for (int axis = 0; axis < Dim; ++axis) ASSERT_NEAR(point[axis], ours[axis], tolerance_mm) << index;
+  }
+}
+
+template <int Dim>
+void scalar_round_trip(const std::string& suffix) {
+  const TemporaryFolder folder;
+  const auto path = folder / ("image" + suffix);
+  const Volume<Dim> written = sample_volume<Dim>();
+  write_volume(path, written);
+  EXPECT_EQ(image_dimension(path), Dim);
+  const Volume<Dim> read = read_volume<Dim>(path);
+  EXPECT_EQ(read.samples, written.samples);
+  expect_same_place(read.grid, written.grid, place_tolerance(suffix));
+  EXPECT_EQ(read_grid<Dim>(path), read.grid);
+
+  using ItkImage = itk::Image<float, Dim>;
+  const auto oracle = read_with_itk<ItkImage>(path, suffix);
+  ASSERT_EQ(oracle->GetLargestPossibleRegion().GetNumberOfPixels(), written.samples.size());
+  expect_itk_agrees<Dim>(*oracle, read.grid, 1e-5);
+  expect_itk_agrees<Dim>(*oracle, written.grid, place_tolerance(suffix));
+  EXPECT_TRUE(std::equal(written.samples.begin(), written.samples.end(), oracle->GetBufferPointer()));
+  // Nothing but the image is left behind.
+  EXPECT_EQ(std::distance(std::filesystem::directory_iterator(folder.path()), {}), 1);
+}
+
+template <int Dim>
+void vector_round_trip(const std::string& suffix) {
+  const TemporaryFolder folder;
+  const auto path = folder / ("field" + suffix);
+  const VectorVolume<Dim> written = sample_vectors<Dim>();
+  write_vector_volume(path, written);
+  EXPECT_EQ(image_dimension(path), Dim);
+  const VectorVolume<Dim> read = read_vector_volume<Dim>(path);
+  EXPECT_EQ(read.samples, written.samples);
+  expect_same_place(read.grid, written.grid, place_tolerance(suffix));
+
+  using ItkImage = itk::Image<itk::Vector<float, Dim>, Dim>;
+  const auto oracle = read_with_itk<ItkImage>(path, suffix);
+  ASSERT_EQ(oracle->GetLargestPossibleRegion().GetNumberOfPixels(), written.grid.voxels());
+  expect_itk_agrees<Dim>(*oracle, written.grid, place_tolerance(suffix));
+  for (std::size_t i = 0; i < written.grid.voxels(); ++i) {
+    for (int c = 0; c < Dim; ++c) ASSERT_EQ(oracle->GetBufferPointer()[i][c], written.component(c)[i]);
+  }
+}
+
+/// Files that ITK wrote, of another pixel type than float.
+template <typename Pixel, int Dim>
+void reads_what_itk_wrote(const std::string& suffix) {
+  const TemporaryFolder folder;
+  const auto path = folder / ("image" + suffix);
+  const ImageGrid<Dim> grid = oblique_grid<Dim>();
+  auto image = make_itk_image<itk::Image<Pixel, Dim>>(grid);
+  std::iota(image->GetBufferPointer(), image->GetBufferPointer() + grid.voxels(), Pixel{3});
+  write_with_itk(image.GetPointer(), path, suffix);
+  const Volume<Dim> read = read_volume<Dim>(path);
+  // MetaImage as ITK writes it by default has six digits: 5e-7 of up to 203 mm, and of direction times extent.
+  expect_same_place(read.grid, grid, suffix == ".mha" ? 1e-3 : place_tolerance(suffix));
+  for (std::size_t i = 0; i < grid.voxels(); ++i) ASSERT_EQ(read.samples[i], 3.0f + i);
+}
+
+class ImageFormats : public ::testing::TestWithParam<std::string> {};
+
+TEST_P(ImageFormats, Scalar2dRoundTrip) { scalar_round_trip<2>(GetParam()); }
+TEST_P(ImageFormats, Scalar3dRoundTrip) { scalar_round_trip<3>(GetParam()); }
+TEST_P(ImageFormats, Vector2dRoundTrip) { vector_round_trip<2>(GetParam()); }
+TEST_P(ImageFormats, Vector3dRoundTrip) { vector_round_trip<3>(GetParam()); }
+TEST_P(ImageFormats, ReadsBytesOfItk) { reads_what_itk_wrote<unsigned char, 3>(GetParam()); }
+TEST_P(ImageFormats, ReadsShortsOfItk) { reads_what_itk_wrote<short, 2>(GetParam()); }
+TEST_P(ImageFormats, ReadsDoublesOfItk) { reads_what_itk_wrote<double, 3>(GetParam()); }
+
+TEST_P(ImageFormats, OneSliceStaysThreeDimensional) {
+  const TemporaryFolder folder;
+  ImageGrid<3> grid = oblique_grid<3>();
+  grid.size[2] = 1;
+  const auto image_path = folder / ("image" + GetParam());
+  const Volume<3> image = sample_volume(grid);
+  write_volume(image_path, image);
+  EXPECT_EQ(image_dimension(image_path), 3);
+  EXPECT_EQ(read_volume<3>(image_path).samples, image.samples);
+  expect_same_place(read_grid<3>(image_path), grid, place_tolerance(GetParam()));
+  EXPECT_NEAR(read_grid<3>(image_path).spacing[2], grid.spacing[2], 1e-6);
+
+  const auto field_path = folder / ("field" + GetParam());
+  const VectorVolume<3> field = sample_vectors(grid);
+  write_vector_volume(field_path, field);
+  EXPECT_EQ(image_dimension(field_path), 3);
+  EXPECT_EQ(read_vector_volume<3>(field_path).samples, field.samples);
+  expect_same_place(read_grid<3>(field_path), grid, place_tolerance(GetParam()));
+}
+
+TEST_P(ImageFormats, LabelsAreBytes) {
+  const TemporaryFolder folder;
+  const auto path = folder / ("labels" + GetParam());
+  Volume<3> labels(oblique_grid<3>());
+  for (std::size_t i = 0; i < labels.samples.size(); ++i) labels.samples[i] = static_cast<float>((i * 37) % 256);
+  write_labels(path, labels);
+  EXPECT_EQ(read_volume<3>(path).samples, labels.samples);
+  const auto io = itk_io(GetParam());
+  io->SetFileName(path.string());
+  io->ReadImageInformation();
+  EXPECT_EQ(io->GetComponentType(), itk::IOComponentEnum::UCHAR);
+}
+
+TEST_P(ImageFormats, ReplacesAnOlderFileOfTheSameName) {
+  const TemporaryFolder folder;
+  const auto path = folder / ("image" + GetParam());
+  write_volume(path, Volume<3>(oblique_grid<3>(), 1.0f));
+  write_volume(path, sample_volume<2>());
+  EXPECT_EQ(read_volume<2>(path).samples, sample_volume<2>().samples);
+}
+
+INSTANTIATE_TEST_SUITE_P(All, ImageFormats, ::testing::Values(".mha", ".nii", ".nii.gz", ".nrrd"),
+                         [](const auto& info) {
+                           std::string name = info.param.substr(1);
+                           std::replace(name.begin(), name.end(), '.', '_');
+                           return name;
+                         });
+
+TEST(PngImages, GreyRangeIsMappedToEightBits) {
+  const TemporaryFolder folder;
+  ImageGrid<2> grid;
+  grid.size = {4, 2};
+  Volume<2> image(grid);
+  image.samples = {-5, 0, 25, 50, 75, 100, 300, 12.5f};
+  write_volume(folder / "a.png", image, GreyRange{0, 100});
+  EXPECT_THAT(read_volume<2>(folder / "a.png").samples, ::testing::ElementsAre(0, 0, 64, 128, 191, 255, 255, 32));
+  write_volume(folder / "b.png", image);  // -5..300
+  const auto read = read_volume<2>(folder / "b.png");
+  EXPECT_EQ(read.samples[0], 0);
+  EXPECT_EQ(read.samples[6], 255);
+  EXPECT_EQ(read.samples[5], std::round(105.0f * 255 / 305));
+  EXPECT_EQ(read.grid, grid);
+  write_volume(folder / "constant.png", Volume<2>(grid, 7.0f));
+  EXPECT_THAT(read_volume<2>(folder / "constant.png").samples, ::testing::Each(0));
+}
+
+TEST(PngImages, LabelsAreNotScaled) {
+  const TemporaryFolder folder;
+  ImageGrid<2> grid;
+  grid.size = {3, 1};
+  Volume<2> labels(grid);
+  labels.samples = {0, 1, 200};
+  write_labels(folder / "a.png", labels);
+  EXPECT_EQ(read_volume<2>(folder / "a.png").samples, labels.samples);
+}
+
+TEST(PngImages, SixteenBitsAreKept) {
+  const TemporaryFolder folder;
+  ImageGrid<2> grid;
+  grid.size = {3, 2};
+  auto image = make_itk_image<itk::Image<unsigned short, 2>>(grid);
+  std::iota(image->GetBufferPointer(), image->GetBufferPointer() + 6, 65000);
+  write_with_itk(image.GetPointer(), folder / "deep.png", ".png");
+  EXPECT_THAT(read_volume<2>(folder / "deep.png").samples,
+              ::testing::ElementsAre(65000, 65001, 65002, 65003, 65004, 65005));
+}
+
+TEST(PngImages, ColourBecomesLuminance) {
+  const TemporaryFolder folder;
+  ImageGrid<2> grid;
+  grid.size = {4, 1};
+  using Colour = itk::RGBPixel<unsigned char>;
+  auto image = make_itk_image<itk::Image<Colour, 2>>(grid);
+  const unsigned char colours[4][3] = {{255, 0, 0}, {0, 255, 0}, {0, 0, 255}, {77, 77, 77}};
+  for (int i = 0; i < 4; ++i) image->GetBufferPointer()[i] = Colour(colours[i]);
+  write_with_itk(image.GetPointer(), folder / "colour.png", ".png");
+  EXPECT_EQ(image_dimension(folder / "colour.png"), 2);
+  // Rec. 709 weights.
+  EXPECT_THAT(read_volume<2>(folder / "colour.png").samples,
+              ::testing::Pointwise(::testing::FloatNear(1e-4), {54.1875f, 182.427f, 18.3855f, 77.0f}));
+}
+
+TEST(WriteImage, RefusesWhatTheFormatCannotHold) {
+  const TemporaryFolder folder;
+  EXPECT_THROW(write_volume(folder / "a.png", sample_volume<3>()), InvalidInput);
+  EXPECT_THROW(write_vector_volume(folder / "a.png", sample_vectors<2>()), InvalidInput);
+  EXPECT_THROW(write_volume(folder / "a.dcm", sample_volume<3>()), InvalidInput);
+  EXPECT_THROW(write_labels(folder / "a.mha", sample_volume<3>()), InvalidInput);
+  Volume<3> short_volume = sample_volume<3>();
+  short_volume.samples.pop_back();
+  EXPECT_THROW(write_volume(folder / "a.mha", short_volume), InvalidInput);
+  EXPECT_TRUE(std::filesystem::is_empty(folder.path()));
+  EXPECT_THROW(write_volume(folder / "nowhere/a.mha", sample_volume<3>()), FileError);
+}
+
+/// Writes where no file may grow beyond 512 bytes, which stands for the full disk, and ends the process with 0 when
+/// that was an error and left nothing.
+[[noreturn]] void write_on_full_disk(const std::filesystem::path& path) {
+  signal(SIGXFSZ, SIG_IGN);
+  const rlimit limit{512, 512};
+  setrlimit(RLIMIT_FSIZE, &limit);
+  ImageGrid<3> grid;
+  grid.size = {40, 40, 40};
+  try {
+    write_volume(path, sample_volume(grid));
+  } catch (const FileError&) {
+    _exit(std::filesystem::is_empty(path.parent_path()) ? 0 : 2);
+  }
+  _exit(1);
+}
+
+TEST_P(ImageFormats, FullDiskIsAnErrorAndLeavesNothing) {
+  const TemporaryFolder folder;
+  EXPECT_EXIT(write_on_full_disk(folder / ("image" + GetParam())), ::testing::ExitedWithCode(0), "");
+}
+
+}  // namespace
+}  // namespace saltus
