@@ -1,0 +1,32 @@
+#pragma once
+
+#include "client/lib/channel.h"
+#include "client/lib/checksum.h"
+
+#include "saltus/v1/registration.grpc.pb.h"
+
+#include <filesystem>
+#include <memory>
+#include <string>
+
+namespace saltus::client {
+
+/// Moves files to and from the daemon's blob store. Used by clients and by workers.
+/// Thread-safe; each method blocks until it is done and throws ClientError or LocalFileError.
+class BlobTransfer {
+ public:
+  BlobTransfer(std::shared_ptr<grpc::Channel> channel, CallSettings settings);
+
+  /// Sends the file unless the daemon has its bytes already. 1 MiB messages; a cut upload begins again.
+  FileDigest upload(const std::filesystem::path& file);
+
+  /// Writes the blob to `file`. The file appears under its name only when it is complete and its digest is right;
+  /// a cut download goes on where it stopped. Every message is checked by its CRC-32C.
+  void download(const std::string& digest, const std::filesystem::path& file);
+
+ private:
+  CallSettings settings_;
+  std::unique_ptr<v1::BlobService::Stub> stub_;
+};
+
+}  // namespace saltus::client

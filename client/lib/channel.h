@@ -1,0 +1,45 @@
+#pragma once
+
+#include <grpcpp/channel.h>
+
+#include <chrono>
+#include <functional>
+#include <memory>
+#include <stop_token>
+#include <string>
+
+namespace saltus::client {
+
+/// How long calls that find the daemon unavailable are repeated before they fail. Delays double from `first_delay` to
+/// `longest_delay`, each shortened at random by up to a half so that many clients do not come back at once.
+struct RetryPolicy {
+  std::chrono::milliseconds first_delay{100};
+  std::chrono::milliseconds longest_delay{2000};
+  std::chrono::milliseconds patience{5000};  ///< from the first failure; 0: no retries
+};
+
+/// What every call of one client has in common.
+struct CallSettings {
+  std::string address;  ///< named in errors
+  RetryPolicy retry;
+  std::chrono::milliseconds unary_deadline{30000};
+  std::stop_token stop;  ///< when requested, running calls end with CANCELLED and waits end early
+};
+
+/// A channel with a connection of its own, so that a slow stream on one never delays another.
+/// `address`: "unix:/path" or "host:port". Keepalive 30 s, 10 s to answer; proxies of the environment are ignored.
+std::shared_ptr<grpc::Channel> make_channel(const std::string& address);
+
+/// What a call may last: a unary call has CallSettings::unary_deadline, a stream lasts as long as it moves.
+enum class CallKind { Unary, Stream };
+
+/// Runs `attempt` until it does not answer UNAVAILABLE, or patience is over, or stop is requested.
+/// `attempt` may set `moved` when the stream got further than before: patience then begins anew.
+/// Throws ClientError when the last answer is not OK.
+void call(const CallSettings& settings, CallKind kind,
+          const std::function<grpc::Status(grpc::ClientContext& context, bool& moved)>& attempt);
+
+/// Waits. False when stop was requested before the time was over.
+bool wait_for(const std::stop_token& stop, std::chrono::milliseconds time);
+
+}  // namespace saltus::client
