@@ -1,0 +1,71 @@
+#include "client/cli/command_line.h"
+
+#include "client/cli/cancel_command.h"
+#include "client/cli/command.h"
+#include "client/cli/delete_command.h"
+#include "client/cli/fetch_command.h"
+#include "client/cli/get_command.h"
+#include "client/cli/list_command.h"
+#include "client/cli/register_command.h"
+#include "client/cli/submit_command.h"
+#include "client/cli/watch_command.h"
+#include "client/lib/client_error.h"
+#include "core/support/errors.h"
+
+#include <CLI/CLI.hpp>
+
+#include <iostream>
+
+namespace saltus::cli {
+namespace {
+
+int fail(ExitCode code, const std::string& message) {
+  std::cerr << "saltus: " << message << std::endl;
+  return code;
+}
+
+ExitCode exit_code_of(const client::ClientError& error) {
+  switch (error.code()) {
+    case grpc::StatusCode::UNAVAILABLE:
+    case grpc::StatusCode::DEADLINE_EXCEEDED:
+      return ServerNotReachable;
+    case grpc::StatusCode::CANCELLED:
+      return Cancelled;
+    case grpc::StatusCode::INVALID_ARGUMENT:
+      return Usage;
+    default:
+      return JobFailed;
+  }
+}
+
+}  // namespace
+
+int run_command_line(int argument_count, const char* const* arguments) {
+  int exit_code = Done;
+  CLI::App app{"Image registration for motion that slides", "saltus"};
+  app.set_version_flag("--version", "saltus " SALTUS_VERSION);
+  app.require_subcommand(1);
+  add_register_command(app, exit_code);
+  add_submit_command(app, exit_code);
+  add_watch_command(app, exit_code);
+  add_list_command(app, exit_code);
+  add_get_command(app, exit_code);
+  add_fetch_command(app, exit_code);
+  add_cancel_command(app, exit_code);
+  add_delete_command(app, exit_code);
+  app.footer("Exit codes: 0 done, 1 failed, 2 usage, 3 server not reachable, 4 cancelled.");
+  try {
+    app.parse(argument_count, arguments);
+    return exit_code;
+  } catch (const CLI::ParseError& error) {
+    return app.exit(error) == 0 ? Done : Usage;
+  } catch (const InvalidInput& error) {
+    return fail(Usage, error.what());
+  } catch (const client::ClientError& error) {
+    return fail(exit_code_of(error), error.what());
+  } catch (const std::exception& error) {
+    return fail(JobFailed, error.what());
+  }
+}
+
+}  // namespace saltus::cli

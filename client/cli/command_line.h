@@ -1,0 +1,9 @@
+#pragma once
+
+namespace saltus::cli {
+
+/// Runs one command as `saltus ARGUMENTS...` would and returns its exit code (see command.h). Errors are said in one
+/// sentence on standard error.
+int run_command_line(int argument_count, const char* const* arguments);
+
+}  // namespace saltus::cli

@@ -1,0 +1,39 @@
+#pragma once
+
+#include <filesystem>
+#include <string>
+
+#include <sys/types.h>
+
+namespace saltus::cli {
+
+/// A saltusd for one command: on a unix socket in a new folder that only this user can open, its data beside it.
+///
+/// The constructor returns when the daemon listens; the destructor ends it, waits for it and removes the folder. The
+/// daemon ends by itself when this process dies, because it watches a pipe that only this process holds.
+class PrivateDaemon {
+ public:
+  /// Throws FileError when saltusd is not found or does not start.
+  PrivateDaemon();
+  ~PrivateDaemon();
+  PrivateDaemon(const PrivateDaemon&) = delete;
+  PrivateDaemon& operator=(const PrivateDaemon&) = delete;
+
+  const std::string& address() const { return address_; }
+
+ private:
+  void start(const std::filesystem::path& program);
+  void wait_until_it_listens();
+  void stop();
+
+  std::filesystem::path folder_;
+  std::string address_;
+  pid_t process_ = -1;
+  int stdin_write_end_ = -1;
+  int stdout_read_end_ = -1;
+};
+
+/// Where saltusd is: in $SALTUS_BIN if that is set, else beside this program, else on the PATH. Throws FileError.
+std::filesystem::path find_daemon();
+
+}  // namespace saltus::cli

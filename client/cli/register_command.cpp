@@ -1,0 +1,143 @@
+#include "client/cli/register_command.h"
+
+#include "client/cli/command.h"
+#include "client/cli/connection.h"
+#include "client/cli/interrupts.h"
+#include "client/cli/job_options.h"
+#include "client/cli/job_output.h"
+#include "client/cli/private_daemon.h"
+#include "client/cli/progress_display.h"
+#include "client/cli/report_summary.h"
+#include "client/cli/run_job.h"
+#include "core/support/errors.h"
+
+#include <CLI/CLI.hpp>
+#include <nlohmann/json.hpp>
+
+#include <iostream>
+#include <memory>
+#include <mutex>
+#include <optional>
+
+namespace saltus::cli {
+namespace {
+
+struct RegisterOptions {
+  JobOptions job;
+  std::string out;
+  std::string server;
+  bool as_json = false;
+};
+
+/// What an interrupt has to do depends on how far the command is: before there is a job, calls are cut off; while the
+/// job is being made, nothing, since the answer must not be lost; then the job is cancelled. A second interrupt, or a
+/// cancel that fails, cuts calls off.
+class InterruptibleJob {
+ public:
+  explicit InterruptibleJob(const std::string& address)
+      : canceller_(call_settings(address)), interrupts_([this](int count) { on_interrupt(count); }) {}
+
+  std::stop_token stop_token() const { return stop_.get_token(); }
+  bool is_interrupted() const { return interrupts_.count() > 0; }
+
+  v1::RegistrationJob create(const v1::RegistrationSpec& spec) {
+    const v1::RegistrationJob job = canceller_.create(spec);
+    std::lock_guard lock(mutex_);
+    id_ = job.id();
+    if (is_interrupted()) cancel();
+    return job;
+  }
+  void begin_creating() {
+    std::lock_guard lock(mutex_);
+    is_creating_ = true;
+  }
+
+ private:
+  void on_interrupt(int count) {
+    std::lock_guard lock(mutex_);
+    if (count > 1 || !is_creating_)
+      stop_.request_stop();
+    else if (id_)
+      cancel();
+  }
+  void cancel() {
+    try {
+      canceller_.cancel(*id_);
+    } catch (const client::ClientError& error) {
+      std::cerr << "saltus: job " << *id_ << " could not be cancelled: " << error.what() << std::endl;
+      stop_.request_stop();
+    }
+  }
+
+  std::mutex mutex_;
+  bool is_creating_ = false;
+  std::optional<std::string> id_;
+  std::stop_source stop_;
+  client::RegistrationClient canceller_;
+  Interrupts interrupts_;
+};
+
+int register_on(const std::string& address, const RegisterOptions& options, v1::RegistrationSpec spec,
+                std::chrono::milliseconds watch_patience) {
+  InterruptibleJob interruptible(address);
+  try {
+    client::RegistrationClient client(call_settings(address, interruptible.stop_token()));
+    upload_inputs(client, options.job, spec);
+    interruptible.begin_creating();
+    v1::RegistrationJob job = interruptible.create(spec);
+    {
+      ProgressDisplay display(std::cerr, display_style_of_stderr());
+      job = client.watch(job.id(), [&display](const v1::RegistrationJob& now) { display.show(now); }, watch_patience);
+    }
+    if (const int code = exit_code_of(job); code != Done) return code;
+    fetch_artifacts(client, job, options.out);
+    const nlohmann::json report = read_report(std::filesystem::path(options.out) / "report.json");
+    if (options.as_json) {
+      std::cout << nlohmann::json{{"job", job_json(job)}, {"report", report}}.dump(2) << std::endl;
+    } else {
+      std::cout << report_summary(report) << "written to " << options.out << std::endl;
+    }
+    return Done;
+  } catch (const client::ClientError& error) {
+    if (!interruptible.is_interrupted() || error.code() != grpc::StatusCode::CANCELLED) throw;
+    std::cerr << "saltus: interrupted" << std::endl;
+    return Cancelled;
+  }
+}
+
+int register_images(const RegisterOptions& options) {
+  if (wants_parameter_help(options.job)) {
+    std::cout << parameter_table(options.job);
+    return Done;
+  }
+  const v1::RegistrationSpec spec = make_spec(options.job);
+  if (options.out.empty()) throw InvalidInput("--out is missing; name a folder for the result");
+  if (!options.server.empty()) return register_on(options.server, options, spec, std::chrono::seconds(60));
+  const PrivateDaemon daemon;
+  // Nobody restarts a private daemon: when it is gone, it stays away.
+  return register_on(daemon.address(), options, spec, std::chrono::seconds(2));
+}
+
+}  // namespace
+
+void add_register_command(CLI::App& app, int& exit_code) {
+  CLI::App* command = app.add_subcommand("register", "Register two images and write the result to a folder");
+  auto options = std::make_shared<RegisterOptions>();
+  add_job_options(*command, options->job);
+  command->add_option("--out", options->out, "Folder for the result, made if need be (required)")->type_name("DIR");
+  // SALTUS_SERVER is for the commands that need a server; here none means a private one.
+  command->add_option("--server", options->server,
+                      "Address of saltusd, unix:/path or host:port; without it a private one is started and stopped")
+      ->type_name("ADDRESS");
+  command->add_flag("--json", options->as_json, "Print job and report as JSON");
+  command->footer(
+      "Ctrl-C cancels the job. Exit codes: 0 done, 1 failed, 2 usage, 3 server not reachable, 4 cancelled.\n"
+      "Examples:\n"
+      "  saltus register --fixed exhale.nii.gz --moving inhale.nii.gz --out result\n"
+      "  saltus register --fixed ct1.mha --moving ct2.mha --affine rigid --intensity-window -1000,400 \\\n"
+      "      --fixed-mask body.mha --preset accurate --out result\n"
+      "  saltus register --model wendland1 --set help");
+  command->callback([options, &exit_code] { exit_code = register_images(*options); });
+}
+
+}  // namespace saltus::cli

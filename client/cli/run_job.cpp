@@ -1,0 +1,35 @@
+#include "client/cli/run_job.h"
+
+#include "client/cli/command.h"
+#include "client/cli/job_output.h"
+#include "core/support/errors.h"
+
+#include <iostream>
+
+namespace saltus::cli {
+
+std::vector<std::filesystem::path> fetch_artifacts(client::RegistrationClient& client, const v1::RegistrationJob& job,
+                                                   const std::filesystem::path& folder) {
+  std::error_code error;
+  std::filesystem::create_directories(folder, error);
+  if (error) throw FileError("--out is " + folder.string() + ", which cannot be made: " + error.message());
+  std::vector<std::filesystem::path> files;
+  for (const v1::Artifact& artifact : job.artifacts()) {
+    const std::filesystem::path name = artifact.name();
+    // The names come over the wire; one that leaves the folder is never followed.
+    if (name.empty() || name != name.filename() || name == "." || name == "..")
+      throw client::ClientError(grpc::StatusCode::DATA_LOSS, "BAD_ARTIFACT_NAME",
+                                "the server offers an artefact called " + artifact.name() + ", which is not a file name");
+    client.download(artifact, folder / name);
+    files.push_back(folder / name);
+  }
+  return files;
+}
+
+int exit_code_of(const v1::RegistrationJob& job) {
+  if (job.state() == v1::JOB_STATE_SUCCEEDED) return Done;
+  std::cerr << "saltus: " << failure_line(job) << std::endl;
+  return job.state() == v1::JOB_STATE_CANCELLED ? Cancelled : JobFailed;
+}
+
+}  // namespace saltus::cli

@@ -1,0 +1,55 @@
+#include "client/cli/submit_command.h"
+
+#include "client/cli/command.h"
+#include "client/cli/connection.h"
+#include "client/cli/job_options.h"
+#include "client/cli/job_output.h"
+
+#include <CLI/CLI.hpp>
+#include <nlohmann/json.hpp>
+
+#include <iostream>
+#include <memory>
+
+namespace saltus::cli {
+namespace {
+
+struct SubmitOptions {
+  JobOptions job;
+  std::string server;
+  bool as_json = false;
+};
+
+int submit(const SubmitOptions& options) {
+  if (wants_parameter_help(options.job)) {
+    std::cout << parameter_table(options.job);
+    return Done;
+  }
+  v1::RegistrationSpec spec = make_spec(options.job);
+  client::RegistrationClient client(call_settings(options.server));
+  upload_inputs(client, options.job, spec);
+  const v1::RegistrationJob job = client.create(spec);
+  if (options.as_json)
+    std::cout << job_json(job).dump(2) << std::endl;
+  else
+    std::cout << job.id() << std::endl;
+  return Done;
+}
+
+}  // namespace
+
+void add_submit_command(CLI::App& app, int& exit_code) {
+  CLI::App* command = app.add_subcommand("submit", "Send a job to a server and print its id");
+  auto options = std::make_shared<SubmitOptions>();
+  add_job_options(*command, options->job);
+  add_server_option(*command, options->server);
+  command->add_flag("--json", options->as_json, "Print the job as JSON");
+  command->footer(
+      "Example:\n"
+      "  export SALTUS_SERVER=unix:/run/saltusd/socket\n"
+      "  id=$(saltus submit --fixed a.nii.gz --moving b.nii.gz)\n"
+      "  saltus watch $id && saltus fetch $id --out result");
+  command->callback([options, &exit_code] { exit_code = submit(*options); });
+}
+
+}  // namespace saltus::cli
