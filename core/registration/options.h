@@ -42,12 +42,13 @@ struct RegistrationOptions {
 
   struct SimilarityParameters {
     double weight = 1;       ///< multiplies the similarity
-    double radius_mm = 6;    ///< lncc: half width of the box window
+    double lncc_radius_voxels = 3;  ///< half width of the box window, in voxels of the level
+    double lncc_floor = 0.01;       ///< standard deviation, in units of the intensity range, below which a window is flat
   } similarity_parameters;
 
   struct Optimisation {
     int max_iterations = 60;   ///< per level
-    double tolerance = 1e-4;   ///< relative energy decrease over five iterations at which a level ends
+    double tolerance = 1e-3;   ///< a level ends when five iterations give less than this share of its total decrease
     int history = 6;           ///< pairs kept by L-BFGS
   } optimisation;
 

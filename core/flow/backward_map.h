@@ -1,0 +1,36 @@
+#pragma once
+
+#include "core/flow/scatter_plan.h"
+#include "core/grid/lattice.h"
+
+#include <vector>
+
+namespace saltus {
+
+/// psi = phi_1^-1 on the sites of a lattice: each site is followed back from t = 1 to 0 through the nodes' velocities
+/// with Heun's rule (second order). No map is ever interpolated, so a jump stays as sharp as the velocity has it.
+template <int Dim, class T>
+class BackwardMap {
+ public:
+  BackwardMap(const Lattice<Dim>& points, const Lattice<Dim>& velocity_lattice, int time_steps);
+
+  /// psi(x) - x, mm, interleaved.
+  const Field<T>& follow(const std::vector<Field<T>>& velocities);
+
+  /// Adjoint of the last follow: adds to velocity_duals what `dual` of psi(x) - x makes of the velocities.
+  void adjoint(const std::vector<Field<T>>& velocities, const Field<T>& dual, std::vector<Field<T>>& velocity_duals);
+
+ private:
+  Lattice<Dim> points_, lattice_;
+  int time_steps_;
+  std::vector<Field<T>> position_;  ///< displacement at node k; [time_steps] is empty, meaning 0
+  Field<T> predicted_;
+  ScatterPlan<Dim, T> plan_;
+};
+
+/// phi_1(y) - y on the sites of a lattice, mm: the same steps forward in time.
+template <int Dim, class T>
+Field<T> forward_map(const Lattice<Dim>& points, const Lattice<Dim>& velocity_lattice,
+                     const std::vector<Field<T>>& velocities);
+
+}  // namespace saltus

@@ -1,0 +1,105 @@
+#pragma once
+
+#include "core/grid/lattice.h"
+
+#include <algorithm>
+#include <array>
+#include <cstddef>
+
+namespace saltus {
+
+/// Cell of a lattice around a point, for (bi/tri)linear interpolation. Points outside are moved to the border, where
+/// the derivative across it is zero; so a sampled field is constant beyond its lattice.
+template <int Dim, class T>
+struct LinearCell {
+  std::size_t base;               ///< site of the lowest corner
+  Index<Dim> low;                 ///< its index
+  std::array<T, Dim> fraction;    ///< in [0,1]
+  std::array<std::size_t, Dim> step;  ///< site step to the upper corner along each axis, 0 where there is none
+  std::array<T, Dim> slope;       ///< d fraction / d index coordinate: 1 inside, 0 where clamped
+
+  /// `at`: index coordinates, in samples.
+  LinearCell(const Lattice<Dim>& lattice, const std::array<T, Dim>& at) {
+    base = 0;
+    std::size_t stride = 1;
+    for (int axis = 0; axis < Dim; ++axis) {
+      const int last = lattice.size[axis] - 1;
+      const T coordinate = at[axis];
+      // Written so that a NaN coordinate lands in a valid cell; its value stays visible through `fraction`.
+      const bool inside = coordinate > T(0) && coordinate < T(last);
+      int cell = inside ? static_cast<int>(coordinate) : (coordinate >= T(last) ? std::max(last - 1, 0) : 0);
+      low[axis] = cell;
+      fraction[axis] = inside ? coordinate - T(cell) : (coordinate >= T(last) ? T(last > 0) : coordinate * T(0));
+      slope[axis] = inside ? T(1) : T(0);
+      step[axis] = last > 0 ? stride : 0;
+      base += stride * static_cast<std::size_t>(cell);
+      stride *= static_cast<std::size_t>(lattice.size[axis]);
+    }
+  }
+
+  static constexpr int corners = 1 << Dim;
+
+  std::size_t corner(int bits) const {
+    std::size_t site = base;
+    for (int axis = 0; axis < Dim; ++axis)
+      if (bits >> axis & 1) site += step[axis];
+    return site;
+  }
+
+  T weight(int bits) const {
+    T product = 1;
+    for (int axis = 0; axis < Dim; ++axis) product *= (bits >> axis & 1) ? fraction[axis] : T(1) - fraction[axis];
+    return product;
+  }
+
+  /// d weight / d index coordinate of `along`.
+  T weight_slope(int bits, int along) const {
+    T product = (bits >> along & 1) ? slope[along] : -slope[along];
+    for (int axis = 0; axis < Dim; ++axis)
+      if (axis != along) product *= (bits >> axis & 1) ? fraction[axis] : T(1) - fraction[axis];
+    return product;
+  }
+
+  /// Value of an interleaved field with `Channels` channels.
+  template <int Channels>
+  std::array<T, Channels> value(const T* field) const {
+    std::array<T, Channels> sum{};
+    for (int bits = 0; bits < corners; ++bits) {
+      const T w = weight(bits);
+      const T* at = field + Channels * corner(bits);
+      for (int c = 0; c < Channels; ++c) sum[c] += w * at[c];
+    }
+    return sum;
+  }
+
+  /// sum_c dual[c] * d value[c] / d index coordinate, for each axis.
+  template <int Channels>
+  std::array<T, Dim> pulled_back_gradient(const T* field, const std::array<T, Channels>& dual) const {
+    std::array<T, corners> along;
+    for (int bits = 0; bits < corners; ++bits) {
+      const T* at = field + Channels * corner(bits);
+      T sum = 0;
+      for (int c = 0; c < Channels; ++c) sum += dual[c] * at[c];
+      along[bits] = sum;
+    }
+    std::array<T, Dim> gradient{};
+    for (int axis = 0; axis < Dim; ++axis)
+      for (int bits = 0; bits < corners; ++bits) gradient[axis] += weight_slope(bits, axis) * along[bits];
+    return gradient;
+  }
+};
+
+/// Index coordinates on `lattice` of the point that site `index` of `from` reaches with displacement `mm`.
+template <int Dim, class T>
+inline std::array<T, Dim> displaced(const Lattice<Dim>& from, const Index<Dim>& index, const T* mm,
+                                    const Lattice<Dim>& lattice) {
+  std::array<T, Dim> at;
+  for (int axis = 0; axis < Dim; ++axis) {
+    // The site's own index coordinate in double: exact for sites that coincide, whatever T is.
+    const double site = (index[axis] * from.spacing[axis] + from.offset[axis] - lattice.offset[axis]) / lattice.spacing[axis];
+    at[axis] = static_cast<T>(site + static_cast<double>(mm[axis]) / lattice.spacing[axis]);
+  }
+  return at;
+}
+
+}  // namespace saltus

@@ -1,0 +1,27 @@
+#pragma once
+
+#include "core/grid/volume.h"
+#include "core/grid/lattice.h"
+
+namespace saltus {
+
+/// Scalar samples somewhere in space, seen from the frame of the registration: index coordinates of the frame point p
+/// (mm) are linear * p + offset.
+template <int Dim, class T>
+struct FramedImage {
+  Lattice<Dim> lattice;  ///< only the size is used
+  std::vector<T> samples;
+  Matrix<Dim> linear;
+  Vector<Dim> offset;
+};
+
+/// out(x) = image(x + u(x)) at the sites of `points`, linear; beyond the image the border's value is used.
+template <int Dim, class T>
+void warp(const FramedImage<Dim, T>& image, const Lattice<Dim>& points, const T* displacement, T* out);
+
+/// displacement_dual += dual * gradient of image at x + u(x), the adjoint of `warp`.
+template <int Dim, class T>
+void warp_adjoint(const FramedImage<Dim, T>& image, const Lattice<Dim>& points, const T* displacement, const T* dual,
+                  T* displacement_dual);
+
+}  // namespace saltus

@@ -1,0 +1,46 @@
+#pragma once
+
+#include <memory>
+#include <string>
+#include <vector>
+
+namespace saltus {
+
+/// One-dimensional even kernel k0 with k0(0) = 1. The d-dimensional kernel is the product over the grid's axes
+/// (Bao et al., section 3.3), so one profile is all that a new kernel needs.
+///
+/// Momenta are cell averages, so a kernel is only ever used through its integrals: the profile gives k0 and its first
+/// and second antiderivative in closed form, and no derivative of k0 is ever sampled.
+class KernelProfile {
+ public:
+  virtual ~KernelProfile() = default;
+  virtual std::string name() const = 0;
+  virtual double width() const = 0;                     ///< sigma, mm
+  virtual double support() const = 0;                   ///< |r| beyond which k0 is (taken as) 0, mm
+  virtual double value(double r) const = 0;             ///< k0(r)
+  virtual double first_integral(double r) const = 0;    ///< odd antiderivative of k0
+  virtual double second_integral(double r) const = 0;   ///< even antiderivative of first_integral
+  double mass() const { return 2 * first_integral(support()); }  ///< integral of k0, mm
+};
+
+/// exp(-r^2 / sigma^2), cut where it is below 1e-5.
+std::unique_ptr<KernelProfile> make_gaussian_profile(double sigma_mm);
+
+/// ((1 - |r|/sigma)_+)^2, the C0 Wendland kernel: not differentiable at 0, so that its first order can jump.
+std::unique_ptr<KernelProfile> make_wendland_profile(double sigma_mm);
+
+/// Convolution weights along one axis with spacing h: tap[j + radius] for j = -radius..radius.
+/// With L the hat function of width h and unit mass (source cell average, then target cell average) and `mass` the
+/// kernel's integral, each tap is
+///   value:      h/mass          * integral of k0(jh + s) L(s) ds           (sums to about 1)
+///   slope:      h sigma/mass    * integral of k0'(jh + s) L(s) ds          (odd)
+///   curvature: -h sigma^2/mass  * integral of k0''(jh + s) L(s) ds         (holds the 4/sigma Dirac of C0 Wendland)
+/// The double average makes value and curvature Gram matrices positive semi-definite, and energies converge as h -> 0.
+struct KernelTaps {
+  int radius = 0;
+  std::vector<double> value, slope, curvature;
+};
+
+KernelTaps cell_averaged_taps(const KernelProfile& profile, double spacing_mm);
+
+}  // namespace saltus

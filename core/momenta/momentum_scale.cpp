@@ -1,0 +1,159 @@
+#include "core/momenta/momentum_scale.h"
+
+#include "core/kernels/separable_convolution.h"
+#include "core/support/reduction.h"
+
+#include <algorithm>
+
+namespace saltus {
+
+template <int Dim, class T>
+MomentumScale<Dim, T>::MomentumScale(const MomentumScaleOptions<Dim>& options) : options_(options) {
+  const bool zeroth = has_zeroth(options.orders);
+  channel_weight_ = zeroth ? options.zeroth_weight : options.first_weight;
+  const double ratio = options.first_weight / channel_weight_;
+  first_order_unit_ = ratio * options.kernel->width();
+  for (int axis = 0; axis < Dim; ++axis) {
+    const KernelTaps taps = cell_averaged_taps(*options.kernel, options.lattice.spacing[axis]);
+    curvature_at_zero_[axis] = taps.curvature[static_cast<std::size_t>(taps.radius)];
+    for (std::size_t j = 0; j < taps.value.size(); ++j) {
+      taps_[axis].value.push_back(static_cast<T>(taps.value[j]));
+      taps_[axis].slope.push_back(static_cast<T>(ratio * taps.slope[j]));
+      taps_[axis].slope_transposed.push_back(static_cast<T>(-ratio * taps.slope[j]));
+      taps_[axis].curvature.push_back(static_cast<T>(taps.curvature[j]));
+    }
+  }
+  for (auto& scratch : scratch_) scratch.resize(field_size());
+}
+
+/// Convolves with the kernel along all axes above `axis`; the result is in scratch 1 or 2, or `in` itself.
+template <int Dim, class T>
+const T* MomentumScale<Dim, T>::smooth_axes_above(int axis, const T* in) {
+  for (int above = Dim - 1; above > axis; --above) {
+    T* out = scratch_[in == scratch_[1].data() ? 2 : 1].data();
+    convolve_axis<Dim, T>(lattice(), Dim, above, taps_[above].value, Combine::Replace, in, out);
+    in = out;
+  }
+  return in;
+}
+
+template <int Dim, class T>
+void MomentumScale<Dim, T>::synthesise(const T* zeroth, const T* first, T* velocity) {
+  // One sweep over the axes, last to first: Z <- K_a Z + D_a (product of K_b, b > a) m_a. Z alternates between
+  // `velocity` and scratch 0 so that it ends in `velocity`.
+  const T* sum = zeroth;
+  for (int axis = Dim - 1; axis >= 0; --axis) {
+    T* out = axis % 2 == 0 ? velocity : scratch_[0].data();
+    if (sum)
+      convolve_axis<Dim, T>(lattice(), Dim, axis, taps_[axis].value, Combine::Replace, sum, out);
+    if (first) {
+      const T* smoothed = smooth_axes_above(axis, first + static_cast<std::size_t>(axis) * field_size());
+      convolve_axis<Dim, T>(lattice(), Dim, axis, taps_[axis].slope, sum ? Combine::Add : Combine::Replace, smoothed, out);
+    } else if (!sum) {
+      std::fill(out, out + field_size(), T(0));
+    }
+    sum = out;
+  }
+  const T weight = static_cast<T>(channel_weight_);
+  const std::size_t count = field_size();
+#pragma omp parallel for simd schedule(static)
+  for (std::size_t i = 0; i < count; ++i) velocity[i] *= weight;
+}
+
+template <int Dim, class T>
+void MomentumScale<Dim, T>::synthesise_transpose(const T* velocity, T* zeroth, T* first) {
+  const T weight = static_cast<T>(channel_weight_);
+  const std::size_t count = field_size();
+  // Z alternates between scratch 0 and `zeroth` so that after Dim passes it is in `zeroth`.
+  T* scaled = Dim % 2 == 0 ? zeroth : scratch_[0].data();
+#pragma omp parallel for simd schedule(static)
+  for (std::size_t i = 0; i < count; ++i) scaled[i] = weight * velocity[i];
+  const T* sum = scaled;
+  for (int axis = 0; axis < Dim; ++axis) {
+    if (first) {
+      T* out = first + static_cast<std::size_t>(axis) * field_size();
+      const int above = Dim - 1 - axis;
+      T* slope = above == 0 ? out : scratch_[1].data();
+      convolve_axis<Dim, T>(lattice(), Dim, axis, taps_[axis].slope_transposed, Combine::Replace, sum, slope);
+      const T* in = slope;
+      for (int b = axis + 1; b < Dim; ++b) {
+        T* next = b == Dim - 1 ? out : scratch_[in == scratch_[1].data() ? 2 : 1].data();
+        convolve_axis<Dim, T>(lattice(), Dim, b, taps_[b].value, Combine::Replace, in, next);
+        in = next;
+      }
+    }
+    T* next = sum == zeroth ? scratch_[0].data() : zeroth;
+    convolve_axis<Dim, T>(lattice(), Dim, axis, taps_[axis].value, Combine::Replace, sum, next);
+    sum = next;
+  }
+}
+
+template <int Dim, class T>
+double MomentumScale<Dim, T>::penalty(const T* zeroth, const T* first, T* zeroth_gradient, T* first_gradient) {
+  const double volume = lattice().cell_volume();
+  double energy = 0;
+  const auto add = [&](const T* momentum, int curved_axis, double weight, T* gradient) {
+    const T* in = momentum;
+    for (int axis = Dim - 1; axis >= 0; --axis) {
+      T* out = axis == 0 ? gradient : scratch_[in == scratch_[1].data() ? 2 : 1].data();
+      convolve_axis<Dim, T>(lattice(), Dim, axis, axis == curved_axis ? taps_[axis].curvature : taps_[axis].value,
+                            Combine::Replace, in, out);
+      in = out;
+    }
+    const T factor = static_cast<T>(weight * volume);
+    energy += 0.5 * ordered_sum(field_size(), [&](std::size_t i) {
+                gradient[i] *= factor;
+                return static_cast<double>(momentum[i]) * gradient[i];
+              });
+  };
+  if (zeroth) add(zeroth, -1, options_.zeroth_weight, zeroth_gradient);
+  if (first)
+    for (int axis = 0; axis < Dim; ++axis) {
+      const std::size_t at = static_cast<std::size_t>(axis) * field_size();
+      add(first + at, axis, options_.first_weight, first_gradient + at);
+    }
+  return energy;
+}
+
+template <int Dim, class T>
+double MomentumScale<Dim, T>::total_energy(const T* zeroth, const T* first) {
+  // Pairs of orders (-1 is order 0), each with its separable kernel: value, slope or curvature along each axis.
+  const double ratio = first_order_unit_ / options_.kernel->width();
+  Field<T> smoothed(field_size()), next(field_size());
+  double twice = 0;
+  const auto momentum = [&](int order) {
+    return order < 0 ? zeroth : first + static_cast<std::size_t>(order) * field_size();
+  };
+  const int lowest = zeroth ? -1 : 0, highest = first ? Dim - 1 : -1;
+  for (int left = lowest; left <= highest; ++left)
+    for (int right = lowest; right <= highest; ++right) {
+      const T* source = momentum(right);
+      std::copy(source, source + field_size(), smoothed.begin());
+      double factor = channel_weight_ * lattice().cell_volume();
+      for (int axis = 0; axis < Dim; ++axis) {
+        const bool by_left = left == axis, by_right = right == axis;
+        const std::vector<T>& taps = by_left && by_right ? taps_[axis].curvature
+                                     : by_right          ? taps_[axis].slope
+                                     : by_left           ? taps_[axis].slope_transposed
+                                                         : taps_[axis].value;
+        if (by_left && by_right) factor *= ratio * ratio;
+        convolve_axis<Dim, T>(lattice(), Dim, axis, taps, Combine::Replace, smoothed.data(), next.data());
+        std::swap(smoothed, next);
+      }
+      const T* target = momentum(left);
+      twice += factor * ordered_sum(field_size(), [&](std::size_t i) { return double(target[i]) * smoothed[i]; });
+    }
+  return twice / 2;
+}
+
+template <int Dim, class T>
+double MomentumScale<Dim, T>::first_order_stiffness(int axis) const {
+  return options_.first_weight * lattice().cell_volume() * curvature_at_zero_[axis];
+}
+
+template class MomentumScale<2, float>;
+template class MomentumScale<3, float>;
+template class MomentumScale<2, double>;
+template class MomentumScale<3, double>;
+
+}  // namespace saltus

@@ -1,0 +1,79 @@
+#pragma once
+
+#include "core/grid/lattice.h"
+#include "core/kernels/kernel_profile.h"
+
+#include <memory>
+
+namespace saltus {
+
+/// The orders that a scale's initial momentum has.
+enum class Orders { Zeroth, First, ZerothAndFirst };
+
+inline bool has_zeroth(Orders orders) { return orders != Orders::First; }
+inline bool has_first(Orders orders) { return orders != Orders::Zeroth; }
+
+/// What a scale is made of.
+template <int Dim>
+struct MomentumScaleOptions {
+  std::shared_ptr<const KernelProfile> kernel;
+  Lattice<Dim> lattice;
+  Orders orders = Orders::Zeroth;
+  double zeroth_weight = 1;  ///< a_0 = 1 / (weight of 1/2 ||v_0||^2)
+  double first_weight = 1;   ///< a_1 = 1 / (weight of 1/2 ||v_i||^2)
+};
+
+/// Momenta of one kernel width on one lattice, as cell averages, and the velocity they make:
+///
+///     v = a_0 K * m_0 + a_1 sigma sum_i D^i K * m_i       (K with unit mass; Bao et al., eq. 3.5)
+///
+/// A field of order 0 is interleaved (Dim values a site); order 1 is Dim such fields, one for each derivative axis.
+/// With unit-mass kernels all momenta are comparable to velocities (mm): v is about a_0 m_0 where m_0 is smooth, and a
+/// first-order sheet m_i of one cell makes a jump of about 6 a_1 m_i (h / sigma is absorbed by the cell average).
+/// Not for concurrent use: holds scratch memory. Threads inside (OpenMP).
+template <int Dim, class T>
+class MomentumScale {
+ public:
+  explicit MomentumScale(const MomentumScaleOptions<Dim>& options);
+
+  const MomentumScaleOptions<Dim>& options() const { return options_; }
+  const Lattice<Dim>& lattice() const { return options_.lattice; }
+  bool has_first_order() const { return has_first(options_.orders); }
+  /// Values of one order-0 field, and of one of the Dim order-1 fields.
+  std::size_t field_size() const { return Dim * options_.lattice.sites(); }
+
+  /// sigma * a_1 / a_0: what one unit of first-order momentum is worth as a derivative of order-0 momentum.
+  double first_order_unit() const { return first_order_unit_; }
+  /// a_0 (a_1 where there is no order 0): the factor of the order-0 channel.
+  double channel_weight() const { return channel_weight_; }
+
+  /// velocity = (from order 0) + (from order 1). `first` holds Dim fields one after the other, or is null.
+  /// 3 passes in 3-D for order 0 alone, 9 with order 1.
+  void synthesise(const T* zeroth, const T* first, T* velocity);
+  /// Exact transpose of synthesise. `first` may be null when it is not wanted.
+  void synthesise_transpose(const T* velocity, T* zeroth, T* first);
+
+  /// weights * gram: a_0 V K m_0 and a_1 V (-sigma^2 D^i D^i K) m_i with V the cell volume, the gradient of the penalty
+  /// 1/2 sum_i ||v_i||^2. Returns that penalty.
+  double penalty(const T* zeroth, const T* first, T* zeroth_gradient, T* first_gradient);
+
+  /// 1/2 (rho | K rho) for the total element rho = m_0 + unit sum_b d_b m_b, cross terms between the orders included.
+  double total_energy(const T* zeroth, const T* first);
+
+  /// Diagonal of the order-1 Gram matrix for momenta that vary only along their derivative axis, a_1 V c.
+  double first_order_stiffness(int axis) const;
+
+ private:
+  struct AxisTaps {
+    std::vector<T> value, slope, slope_transposed, curvature;
+  };
+  const T* smooth_axes_above(int axis, const T* in);
+
+  MomentumScaleOptions<Dim> options_;
+  double first_order_unit_, channel_weight_;
+  std::array<AxisTaps, Dim> taps_;
+  std::array<double, Dim> curvature_at_zero_;
+  std::vector<T> scratch_[3];
+};
+
+}  // namespace saltus

@@ -1,0 +1,38 @@
+#pragma once
+
+#include <cstddef>
+#include <vector>
+
+namespace saltus {
+
+/// Energy of the smooth part at a point. A non-finite energy is data, not an exception: the line search shortens.
+struct Evaluation {
+  double value = 0;
+  bool is_valid = false;
+};
+
+/// weight * sum of the Euclidean norms of groups of `group` consecutive values in [begin, end).
+struct GroupSparsity {
+  std::size_t begin = 0, end = 0;
+  int group = 1;
+  double weight = 0;
+  double inverse_stiffness = 1;  ///< the preconditioner on this range: preconditioned = inverse_stiffness * gradient
+};
+
+/// What `minimise` minimises: a smooth function plus group sparsity.
+template <class T>
+class Objective {
+ public:
+  virtual ~Objective() = default;
+  virtual std::size_t size() const = 0;
+
+  /// Value, gradient, and the gradient times a fixed positive definite approximation of the inverse Hessian.
+  virtual Evaluation evaluate(const std::vector<T>& x, std::vector<T>& gradient, std::vector<T>& preconditioned) = 0;
+
+  /// Length of a sensible first step along `direction`.
+  virtual double first_step(const std::vector<T>& direction) = 0;
+
+  virtual std::vector<GroupSparsity> sparsity() const { return {}; }
+};
+
+}  // namespace saltus

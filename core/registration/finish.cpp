@@ -1,0 +1,191 @@
+#include "core/registration/finish.h"
+
+#include "core/flow/particle_steps.h"
+#include "core/grid/interpolation.h"
+
+#include <Eigen/LU>
+
+#include <algorithm>
+#include <cmath>
+
+namespace saltus {
+
+template <int Dim>
+AffineMap<Dim> frame_to_index(const RegistrationInput<Dim>& input) {
+  const ImageGrid<Dim>&fixed = input.fixed.grid, &moving = input.moving.grid;
+  // world = origin_f + R_f p; index = (R_m^T (A world + b - origin_m)) / spacing_m
+  const Matrix<Dim> scale = moving.spacing.cwiseInverse().asDiagonal();
+  AffineMap<Dim> map;
+  map.linear = scale * moving.direction.transpose() * input.start.linear * fixed.direction;
+  map.offset = scale * moving.direction.transpose() * (input.start(fixed.origin) - moving.origin);
+  return map;
+}
+
+template <int Dim>
+Field<float> write_fields(const RegistrationInput<Dim>& input, const Lattice<Dim>& lattice,
+                  const std::vector<Field<float>>& velocities, RegistrationResult<Dim>& result) {
+  const ImageGrid<Dim>&fixed = input.fixed.grid, &moving = input.moving.grid;
+  const Lattice<Dim> fixed_lattice = lattice_of(fixed), moving_lattice = lattice_of(moving);
+  const int time_steps = static_cast<int>(velocities.size()) - 1;
+  BackwardMap<Dim, float> map(fixed_lattice, lattice, time_steps);
+  const Field<float> backward = map.follow(velocities);
+
+  // Frame -> world: x + u(x) = A (x + R psi_u) + b.
+  result.displacement = VectorVolume<Dim>(fixed);
+  const Matrix<Dim> turn = input.start.linear * fixed.direction;
+#pragma omp parallel for schedule(static)
+  for (int slab = 0; slab < fixed_lattice.size[Dim - 1]; ++slab)
+    visit_slab<Dim>(fixed_lattice, slab, [&](const Index<Dim>& index, std::size_t site) {
+      Vector<Dim> at, u;
+      for (int c = 0; c < Dim; ++c) {
+        at[c] = index[c];
+        u[c] = backward[Dim * site + c];
+      }
+      const Vector<Dim> world = fixed.to_world(at);
+      const Vector<Dim> moved = (input.start.linear - Matrix<Dim>::Identity()) * world + input.start.offset + turn * u;
+      for (int c = 0; c < Dim; ++c) result.displacement.component(c)[site] = static_cast<float>(moved[c]);
+    });
+
+  // The inverse starts at moving voxels: y -> frame point A^-1 y, forward with the flow, back to world.
+  result.inverse_displacement = VectorVolume<Dim>(moving);
+  const Matrix<Dim> inverse = input.start.linear.inverse();
+  const auto frame_of = [&](const Vector<Dim>& moving_world) -> Vector<Dim> {
+    return fixed.direction.transpose() * (inverse * (moving_world - input.start.offset) - fixed.origin);
+  };
+  const float dt = 1.0f / static_cast<float>(time_steps);
+  std::vector<double> consistency(moving_lattice.sites());
+#pragma omp parallel for schedule(static)
+  for (int slab = 0; slab < moving_lattice.size[Dim - 1]; ++slab)
+    visit_slab<Dim>(moving_lattice, slab, [&](const Index<Dim>& index, std::size_t site) {
+      Vector<Dim> at;
+      for (int c = 0; c < Dim; ++c) at[c] = index[c];
+      const Vector<Dim> world = moving.to_world(at), start = frame_of(world);
+      Vector<Dim> position = start;
+      const auto sample = [&](const Lattice<Dim>& where, const float* field, const Vector<Dim>& point) {
+        std::array<float, Dim> coordinates;
+        for (int c = 0; c < Dim; ++c)
+          coordinates[c] = static_cast<float>((point[c] - where.offset[c]) / where.spacing[c]);
+        const auto value = LinearCell<Dim, float>(where, coordinates).template value<Dim>(field);
+        Vector<Dim> vector;
+        for (int c = 0; c < Dim; ++c) vector[c] = value[c];
+        return vector;
+      };
+      for (int k = 0; k < time_steps; ++k) {
+        const Vector<Dim> v = sample(lattice, velocities[k].data(), position);
+        const Vector<Dim> predicted = position + dt * v;
+        position += dt / 2 * (v + sample(lattice, velocities[k + 1].data(), predicted));
+      }
+      const Vector<Dim> back = fixed.origin + fixed.direction * position - world;
+      for (int c = 0; c < Dim; ++c) result.inverse_displacement.component(c)[site] = static_cast<float>(back[c]);
+      consistency[site] = (position + sample(fixed_lattice, backward.data(), position) - start).norm();
+    });
+  const auto middle = consistency.begin() + static_cast<std::ptrdiff_t>(consistency.size() / 2);
+  std::nth_element(consistency.begin(), middle, consistency.end());
+  result.summary.inverse_consistency_mm = *middle;
+
+  // Central differences along the grid axes (one-sided at the border), as ITK and the usual scorers take them.
+  result.jacobian = Volume<Dim>(fixed);
+  const std::size_t sites = fixed_lattice.sites();
+#pragma omp parallel for schedule(static)
+  for (int slab = 0; slab < fixed_lattice.size[Dim - 1]; ++slab)
+    visit_slab<Dim>(fixed_lattice, slab, [&](const Index<Dim>& index, std::size_t site) {
+      Matrix<Dim> along_axes;
+      std::size_t stride = 1;
+      for (int axis = 0; axis < Dim; ++axis) {
+        const int extent = fixed_lattice.size[axis];
+        const std::size_t low = index[axis] > 0 ? site - stride : site, high = index[axis] + 1 < extent ? site + stride : site;
+        const double span = fixed_lattice.spacing[axis] * ((high - low) / stride);
+        for (int c = 0; c < Dim; ++c)
+          along_axes(c, axis) =
+              span > 0 ? (result.displacement.component(c)[high] - result.displacement.component(c)[low]) / span : 0.0;
+        stride *= static_cast<std::size_t>(extent);
+      }
+      result.jacobian.samples[site] = static_cast<float>(
+          (Matrix<Dim>::Identity() + along_axes * fixed.direction.transpose()).determinant());
+    });
+  result.summary.min_jacobian = *std::min_element(result.jacobian.samples.begin(), result.jacobian.samples.end());
+  result.summary.share_jacobian_not_positive =
+      static_cast<double>(std::count_if(result.jacobian.samples.begin(), result.jacobian.samples.end(),
+                                        [](float j) { return j <= 0; })) / static_cast<double>(sites);
+
+  FramedImage<Dim, float> image{moving_lattice, input.moving.samples, frame_to_index(input).linear, frame_to_index(input).offset};
+  result.warped = Volume<Dim>(fixed);
+  warp<Dim, float>(image, fixed_lattice, backward.data(), result.warped.samples.data());
+  return backward;
+}
+
+template <int Dim>
+void collect_momenta(const std::vector<MomentumScale<Dim, float>*>& scales, const std::vector<float>& momenta,
+                     const ImageGrid<Dim>& fixed, RegistrationResult<Dim>& result) {
+  std::size_t at = 0, sites_active = 0, sites_all = 0;
+  for (const MomentumScale<Dim, float>* scale : scales) {
+    const Lattice<Dim>& lattice = scale->lattice();
+    MomentumField<Dim> field;
+    field.kernel = scale->options().kernel->name();
+    field.width_mm = scale->options().kernel->width();
+    ImageGrid<Dim> grid = fixed;
+    Vector<Dim> offset;
+    for (int axis = 0; axis < Dim; ++axis) {
+      grid.size[axis] = lattice.size[axis];
+      grid.spacing[axis] = lattice.spacing[axis];
+      offset[axis] = lattice.offset[axis];
+    }
+    grid.origin = fixed.origin + fixed.direction * offset;
+    const auto take = [&](int axis) {
+      field.axis = axis;
+      field.vectors = VectorVolume<Dim>(grid);
+      for (std::size_t site = 0; site < lattice.sites(); ++site) {
+        bool is_active = false;
+        for (int c = 0; c < Dim; ++c) {
+          const float value = momenta[at + Dim * site + c];
+          field.vectors.component(c)[site] = value;
+          is_active = is_active || value != 0;
+        }
+        if (axis >= 0) sites_active += is_active, ++sites_all;
+      }
+      at += scale->field_size();
+      result.momenta.push_back(field);
+    };
+    if (has_zeroth(scale->options().orders)) take(-1);
+    if (scale->has_first_order())
+      for (int axis = 0; axis < Dim; ++axis) take(axis);
+  }
+  if (sites_all > 0) result.summary.active_first_order_share = static_cast<double>(sites_active) / sites_all;
+}
+
+template <int Dim>
+void summarise_similarity(const MatchingLevel<Dim, float>& full, const RegistrationOptions& options,
+                          const Field<float>& backward, RegistrationResult<Dim>& result) {
+  const Lattice<Dim>& lattice = full.lattice;
+  const std::size_t sites = lattice.sites();
+  const auto similarity = make_similarity<Dim, float>(options.similarity, lattice, options.similarity_parameters,
+                                                      *std::min_element(lattice.spacing.begin(), lattice.spacing.end()));
+  const auto evaluate = [&](const Field<float>& displacement) {
+    std::vector<float> warped(sites), gradient(sites), weights = full.fixed_weights;
+    warp<Dim, float>(full.moving, lattice, displacement.data(), warped.data());
+    if (!full.moving_weights.samples.empty()) {
+      weights.resize(sites);
+      warp<Dim, float>(full.moving_weights, lattice, displacement.data(), weights.data());
+      for (std::size_t i = 0; i < full.fixed_weights.size(); ++i) weights[i] *= full.fixed_weights[i];
+    }
+    return similarity->evaluate(full.fixed.data(), warped.data(), weights.empty() ? nullptr : weights.data(),
+                                gradient.data(), nullptr);
+  };
+  Field<float> frame(Dim * sites, 0.0f);
+  result.summary.similarity_before = evaluate(frame);
+  result.summary.similarity_after = evaluate(backward);
+}
+
+#define SALTUS_FINISH(DIM)                                                                                           \
+  template AffineMap<DIM> frame_to_index(const RegistrationInput<DIM>&);                                             \
+  template Field<float> write_fields(const RegistrationInput<DIM>&, const Lattice<DIM>&,                             \
+                                     const std::vector<Field<float>>&, RegistrationResult<DIM>&);                    \
+  template void collect_momenta(const std::vector<MomentumScale<DIM, float>*>&, const std::vector<float>&,           \
+                                const ImageGrid<DIM>&, RegistrationResult<DIM>&);                                    \
+  template void summarise_similarity(const MatchingLevel<DIM, float>&, const RegistrationOptions&,                   \
+                                     const Field<float>&, RegistrationResult<DIM>&);
+SALTUS_FINISH(2)
+SALTUS_FINISH(3)
+#undef SALTUS_FINISH
+
+}  // namespace saltus

@@ -1,0 +1,31 @@
+#pragma once
+
+#include "core/momenta/momentum_scale.h"
+#include "core/registration/matching_objective.h"
+#include "core/registration/register_images.h"
+
+namespace saltus {
+
+/// Continuous index of the moving image at frame point p (mm along the fixed grid's axes from its voxel 0), after the
+/// affine start: linear * p + offset.
+template <int Dim>
+AffineMap<Dim> frame_to_index(const RegistrationInput<Dim>& input);
+
+/// Fills displacement, inverse displacement, warped image, Jacobian and what the summary says of them from the
+/// velocities of a geodesic on `lattice`. Both fields are followed at full resolution, not interpolated.
+/// Returns psi(x) - x in the frame, on the fixed image's lattice.
+template <int Dim>
+Field<float> write_fields(const RegistrationInput<Dim>& input, const Lattice<Dim>& lattice,
+                  const std::vector<Field<float>>& velocities, RegistrationResult<Dim>& result);
+
+/// Fills the initial momenta and the share of active first-order sites.
+template <int Dim>
+void collect_momenta(const std::vector<MomentumScale<Dim, float>*>& scales, const std::vector<float>& momenta,
+                     const ImageGrid<Dim>& fixed, RegistrationResult<Dim>& result);
+
+/// Fills similarity before (affine start only) and after, at full resolution; `backward` is what write_fields returned.
+template <int Dim>
+void summarise_similarity(const MatchingLevel<Dim, float>& full, const RegistrationOptions& options,
+                          const Field<float>& backward, RegistrationResult<Dim>& result);
+
+}  // namespace saltus

@@ -1,0 +1,156 @@
+#include "core/registration/matching_objective.h"
+
+#include <algorithm>
+#include <cmath>
+
+namespace saltus {
+
+template <int Dim, class T>
+MatchingObjective<Dim, T>::MatchingObjective(std::vector<MomentumScale<Dim, T>*> scales,
+                                             const MatchingLevel<Dim, T>& level,
+                                             std::unique_ptr<Similarity<Dim, T>> similarity, double sparsity)
+    : scales_(scales), level_(level), similarity_(std::move(similarity)),
+      shooting_(scales, level.lattice, level.time_steps), map_(level.lattice, level.lattice, level.time_steps) {
+  for (const MomentumScale<Dim, T>* scale : scales_) {
+    if (has_zeroth(scale->options().orders)) size_ += scale->field_size();
+    if (!scale->has_first_order()) continue;
+    for (int axis = 0; axis < Dim; ++axis) {
+      sparsity_.push_back({size_, size_ + scale->field_size(), Dim, sparsity * scale->lattice().cell_volume(),
+                           1 / scale->first_order_stiffness(axis)});
+      size_ += scale->field_size();
+    }
+  }
+  const std::size_t sites = level.lattice.sites();
+  warped_.resize(sites);
+  image_dual_.resize(sites);
+  displacement_dual_.resize(Dim * sites);
+  velocity_duals_.assign(level.time_steps + 1, Field<T>(Dim * sites));
+  weights_ = level.fixed_weights;
+  if (!level.moving_weights.samples.empty()) {
+    weights_.resize(sites);
+    weight_dual_.resize(sites);
+  }
+}
+
+template <int Dim, class T>
+std::vector<MomentumPointers<T>> MatchingObjective<Dim, T>::pointers(const std::vector<T>& x) const {
+  std::vector<MomentumPointers<T>> all;
+  std::size_t at = 0;
+  for (const MomentumScale<Dim, T>* scale : scales_) {
+    MomentumPointers<T> momenta;
+    if (has_zeroth(scale->options().orders)) {
+      momenta.zeroth = x.data() + at;
+      at += scale->field_size();
+    }
+    if (scale->has_first_order()) {
+      momenta.first = x.data() + at;
+      at += Dim * scale->field_size();
+    }
+    all.push_back(momenta);
+  }
+  return all;
+}
+
+template <int Dim, class T>
+std::vector<MomentumTargets<T>> MatchingObjective<Dim, T>::targets(std::vector<T>& x) const {
+  std::vector<MomentumTargets<T>> all;
+  for (const MomentumPointers<T>& momenta : pointers(x))
+    all.push_back({const_cast<T*>(momenta.zeroth), const_cast<T*>(momenta.first)});
+  return all;
+}
+
+template <int Dim, class T>
+void MatchingObjective<Dim, T>::drop_normal_components(std::vector<T>& x) const {
+  for (std::size_t r = 0; r < sparsity_.size(); ++r) {
+    const std::size_t axis = r % Dim;
+    for (std::size_t i = sparsity_[r].begin; i < sparsity_[r].end; i += Dim) x[i + axis] = 0;
+  }
+}
+
+template <int Dim, class T>
+Evaluation MatchingObjective<Dim, T>::evaluate(const std::vector<T>& x, std::vector<T>& gradient,
+                                               std::vector<T>& preconditioned) {
+  if (on_evaluation_) on_evaluation_();
+  const std::vector<MomentumPointers<T>> momenta = pointers(x);
+  std::fill(gradient.begin(), gradient.end(), T(0));
+  std::fill(preconditioned.begin(), preconditioned.end(), T(0));
+  const std::vector<MomentumTargets<T>> gradients = targets(gradient), scaled = targets(preconditioned);
+
+  // The penalty's gradient is a V K m, so its preconditioned form is m itself.
+  parts_ = {};
+  for (std::size_t s = 0; s < scales_.size(); ++s) {
+    parts_.regularisation +=
+        scales_[s]->penalty(momenta[s].zeroth, momenta[s].first, gradients[s].zeroth, gradients[s].first);
+    if (momenta[s].zeroth) std::copy_n(momenta[s].zeroth, scales_[s]->field_size(), scaled[s].zeroth);
+  }
+
+  shooting_.shoot(momenta);
+  const Field<T>& displacement = map_.follow(shooting_.velocities());
+  warp<Dim, T>(level_.moving, level_.lattice, displacement.data(), warped_.data());
+  const bool moving_weights = !level_.moving_weights.samples.empty();
+  if (moving_weights) {
+    warp<Dim, T>(level_.moving_weights, level_.lattice, displacement.data(), weights_.data());
+    for (std::size_t i = 0; i < level_.fixed_weights.size(); ++i) weights_[i] *= level_.fixed_weights[i];
+  }
+  const T* weights = weights_.empty() ? nullptr : weights_.data();
+  parts_.similarity = level_.similarity_weight *
+                      similarity_->evaluate(level_.fixed.data(), warped_.data(), weights, image_dual_.data(),
+                                            moving_weights ? weight_dual_.data() : nullptr);
+  const double energy = parts_.similarity + parts_.regularisation;
+  if (!std::isfinite(energy)) return {energy, false};
+
+  const T weight = static_cast<T>(level_.similarity_weight);
+  for (T& dual : image_dual_) dual *= weight;
+  std::fill(displacement_dual_.begin(), displacement_dual_.end(), T(0));
+  warp_adjoint<Dim, T>(level_.moving, level_.lattice, displacement.data(), image_dual_.data(), displacement_dual_.data());
+  if (moving_weights) {
+    for (std::size_t i = 0; i < weight_dual_.size(); ++i)
+      weight_dual_[i] *= weight * (level_.fixed_weights.empty() ? T(1) : level_.fixed_weights[i]);
+    warp_adjoint<Dim, T>(level_.moving_weights, level_.lattice, displacement.data(), weight_dual_.data(),
+                         displacement_dual_.data());
+  }
+  for (Field<T>& dual : velocity_duals_) std::fill(dual.begin(), dual.end(), T(0));
+  map_.adjoint(shooting_.velocities(), displacement_dual_, velocity_duals_);
+  shooting_.adjoint(momenta, velocity_duals_, gradients, scaled);
+
+  for (const GroupSparsity& range : sparsity_)
+    for (std::size_t i = range.begin; i < range.end; ++i)
+      preconditioned[i] = static_cast<T>(range.inverse_stiffness) * gradient[i];
+  if (shear_only_) {
+    drop_normal_components(gradient);
+    drop_normal_components(preconditioned);
+  }
+  return {energy, true};
+}
+
+template <int Dim, class T>
+double MatchingObjective<Dim, T>::first_step(const std::vector<T>& direction) {
+  // Half a voxel of motion somewhere: large enough to learn the curvature from, small enough to stay where it holds.
+  const std::vector<MomentumPointers<T>> momenta = pointers(direction);
+  double largest = 0;
+  for (std::size_t s = 0; s < scales_.size(); ++s) {
+    Field<T> velocity(scales_[s]->field_size());
+    scales_[s]->synthesise(momenta[s].zeroth, momenta[s].first, velocity.data());
+    for (T v : velocity) largest = std::max(largest, std::abs(static_cast<double>(v)));
+  }
+  const double voxel = *std::min_element(level_.lattice.spacing.begin(), level_.lattice.spacing.end());
+  return largest > 0 ? 0.5 * voxel / largest : 1.0;
+}
+
+template <int Dim, class T>
+const std::vector<Field<T>>& MatchingObjective<Dim, T>::velocities(const std::vector<T>& x) {
+  shooting_.shoot(pointers(x));
+  return shooting_.velocities();
+}
+
+template <int Dim, class T>
+std::vector<double> MatchingObjective<Dim, T>::hamiltonians(const std::vector<T>& x) {
+  return shooting_.hamiltonians(pointers(x));
+}
+
+template class MatchingObjective<2, float>;
+template class MatchingObjective<3, float>;
+template class MatchingObjective<2, double>;
+template class MatchingObjective<3, double>;
+
+}  // namespace saltus

@@ -1,0 +1,78 @@
+#pragma once
+
+#include "core/flow/backward_map.h"
+#include "core/flow/geodesic_shooting.h"
+#include "core/grid/warp.h"
+#include "core/optimisation/objective.h"
+#include "core/similarity/similarity.h"
+
+#include <functional>
+#include <memory>
+
+namespace saltus {
+
+/// What one evaluation found; sparsity is the optimiser's part.
+struct EnergyParts {
+  double similarity = 0;
+  double regularisation = 0;
+};
+
+/// Everything of one pyramid level that does not change while it is optimised.
+template <int Dim, class T>
+struct MatchingLevel {
+  Lattice<Dim> lattice;                    ///< of the fixed image at this level, and of the velocities
+  std::vector<T> fixed;
+  std::vector<T> fixed_weights;            ///< empty: 1 everywhere
+  FramedImage<Dim, T> moving;
+  FramedImage<Dim, T> moving_weights;      ///< no samples: 1 everywhere
+  double similarity_weight = 1;
+  int time_steps = 4;
+};
+
+/// E(m) = weight * E_S(I0 o psi_1, I1) + sum over scales and orders of 1/2 ||v_i(0)||^2, with its exact discrete gradient.
+/// x holds, scale by scale, the order-0 field and then the Dim order-1 fields, as far as a scale has them.
+template <int Dim, class T>
+class MatchingObjective final : public Objective<T> {
+ public:
+  /// `scales` and `level` must outlive this. `sparsity` is lambda per unit of momentum and mm^Dim.
+  MatchingObjective(std::vector<MomentumScale<Dim, T>*> scales, const MatchingLevel<Dim, T>& level,
+                    std::unique_ptr<Similarity<Dim, T>> similarity, double sparsity);
+
+  std::size_t size() const override { return size_; }
+  Evaluation evaluate(const std::vector<T>& x, std::vector<T>& gradient, std::vector<T>& preconditioned) override;
+  double first_step(const std::vector<T>& direction) override;
+  std::vector<GroupSparsity> sparsity() const override { return sparsity_; }
+
+  /// Parts of the last evaluation.
+  const EnergyParts& parts() const { return parts_; }
+
+  /// Shoots from x and gives the velocities of all nodes.
+  const std::vector<Field<T>>& velocities(const std::vector<T>& x);
+  std::vector<double> hamiltonians(const std::vector<T>& x);
+
+  /// Leave out component i of m_i: such a momentum can only shear (no gradient, so it stays 0).
+  void keep_shear_only() { shear_only_ = true; }
+  /// Called at the beginning of each evaluation.
+  void on_evaluation(std::function<void()> callback) { on_evaluation_ = std::move(callback); }
+
+ private:
+  std::vector<MomentumPointers<T>> pointers(const std::vector<T>& x) const;
+  std::vector<MomentumTargets<T>> targets(std::vector<T>& x) const;
+  void drop_normal_components(std::vector<T>& x) const;
+
+  std::vector<MomentumScale<Dim, T>*> scales_;
+  const MatchingLevel<Dim, T>& level_;
+  std::unique_ptr<Similarity<Dim, T>> similarity_;
+  GeodesicShooting<Dim, T> shooting_;
+  BackwardMap<Dim, T> map_;
+  std::vector<GroupSparsity> sparsity_;
+  std::size_t size_ = 0;
+  EnergyParts parts_;
+  bool shear_only_ = false;
+  std::function<void()> on_evaluation_;
+  std::vector<T> warped_, weights_, image_dual_, weight_dual_;
+  Field<T> displacement_dual_;
+  std::vector<Field<T>> velocity_duals_;
+};
+
+}  // namespace saltus

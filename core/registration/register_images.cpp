@@ -1,0 +1,297 @@
+#include "core/registration/register_images.h"
+
+#include "core/grid/pyramid.h"
+#include "core/optimisation/lbfgs.h"
+#include "core/registration/finish.h"
+#include "core/registration/matching_objective.h"
+#include "core/registration/scales.h"
+#include "core/support/errors.h"
+#include "core/support/stopwatch.h"
+
+#include <algorithm>
+#include <cmath>
+#include <sstream>
+
+#ifdef _OPENMP
+#include <omp.h>
+#endif
+
+namespace saltus {
+namespace {
+
+using Scalar = float;
+
+template <int Dim>
+std::string describe(const Index<Dim>& size) {
+  std::string text;
+  for (int extent : size) text += (text.empty() ? "" : "x") + std::to_string(extent);
+  return text;
+}
+
+template <int Dim>
+void check_volume(const char* what, const Volume<Dim>& volume) {
+  const std::vector<std::string> found = problems(volume.grid);
+  if (!found.empty()) throw InvalidInput(std::string(what) + " image: " + found.front());
+  if (volume.samples.size() != volume.grid.voxels())
+    throw InvalidInput(std::string(what) + " image has " + std::to_string(volume.samples.size()) + " samples; its grid needs " +
+                       std::to_string(volume.grid.voxels()));
+  const auto bad = std::find_if(volume.samples.begin(), volume.samples.end(), [](float v) { return !std::isfinite(v); });
+  if (bad != volume.samples.end())
+    throw InvalidInput(std::string(what) + " image holds a value that is not finite at voxel " +
+                       std::to_string(bad - volume.samples.begin()) + "; replace NaN and Inf before registering");
+}
+
+template <int Dim>
+void check_mask(const char* what, const std::optional<Volume<Dim>>& mask, const Volume<Dim>& image) {
+  if (!mask) return;
+  check_volume(what, *mask);
+  if (mask->grid.size != image.grid.size)
+    throw InvalidInput(std::string(what) + " is " + describe<Dim>(mask->grid.size) + "; its image is " +
+                       describe<Dim>(image.grid.size) + ", they must be on the same grid");
+  if (std::none_of(mask->samples.begin(), mask->samples.end(), [](float v) { return v > 0; }))
+    throw InvalidInput(std::string(what) + " is 0 everywhere; it must be positive where the image counts");
+}
+
+/// Intensities are scaled so that the fixed image's 1st to 99th percentile is [0,1], both images alike: weights then mean
+/// the same for every scanner. Nothing is clipped.
+struct IntensityScale {
+  double low = 0, factor = 1;
+
+  explicit IntensityScale(std::vector<float> samples) {
+    const auto percentile = [&](double share) {
+      const auto at = samples.begin() + static_cast<std::ptrdiff_t>(share * (samples.size() - 1));
+      std::nth_element(samples.begin(), at, samples.end());
+      return static_cast<double>(*at);
+    };
+    double high = percentile(0.99);
+    low = percentile(0.01);
+    if (!(high > low)) {
+      const auto [smallest, largest] = std::minmax_element(samples.begin(), samples.end());
+      low = *smallest;
+      high = *largest;
+    }
+    if (high > low) factor = 1 / (high - low);
+  }
+
+  std::vector<Scalar> operator()(const std::vector<float>& samples) const {
+    std::vector<Scalar> scaled(samples.size());
+    std::transform(samples.begin(), samples.end(), scaled.begin(),
+                   [this](float v) { return static_cast<Scalar>((v - low) * factor); });
+    return scaled;
+  }
+};
+
+std::vector<Scalar> binary(const std::vector<float>& mask) {
+  std::vector<Scalar> weights(mask.size());
+  std::transform(mask.begin(), mask.end(), weights.begin(), [](float v) { return v > 0 ? Scalar(1) : Scalar(0); });
+  return weights;
+}
+
+/// The images of a registration, scaled, with their lattices; makes the levels of the pyramid.
+template <int Dim>
+class Pyramid {
+ public:
+  Pyramid(const RegistrationInput<Dim>& input, const RegistrationOptions& options)
+      : input_(input), options_(options), fixed_lattice_(lattice_of(input.fixed.grid)),
+        moving_lattice_(lattice_of(input.moving.grid)), to_moving_(frame_to_index(input)) {
+    const IntensityScale scale(input.fixed.samples);
+    fixed_ = scale(input.fixed.samples);
+    moving_ = scale(input.moving.samples);
+  }
+
+  const Lattice<Dim>& fixed_lattice() const { return fixed_lattice_; }
+
+  MatchingLevel<Dim, Scalar> level(int level) const {
+    MatchingLevel<Dim, Scalar> made;
+    made.lattice = level_lattice(fixed_lattice_, level);
+    made.fixed = downsampled(fixed_lattice_, fixed_, made.lattice);
+    const double reference = *std::min_element(fixed_lattice_.spacing.begin(), fixed_lattice_.spacing.end());
+    const Lattice<Dim> moving = level == 0 ? moving_lattice_ : coarsened(moving_lattice_, std::ldexp(reference, level));
+    made.moving = framed(moving_, moving);
+    if (input_.fixed_mask) made.fixed_weights = downsampled(fixed_lattice_, binary(input_.fixed_mask->samples), made.lattice);
+    if (input_.moving_mask) made.moving_weights = framed(binary(input_.moving_mask->samples), moving);
+    made.similarity_weight = options_.similarity_parameters.weight;
+    made.time_steps = options_.flow.time_steps;
+    return made;
+  }
+
+ private:
+  FramedImage<Dim, Scalar> framed(const std::vector<Scalar>& samples, const Lattice<Dim>& lattice) const {
+    FramedImage<Dim, Scalar> image;
+    image.lattice = lattice;
+    image.samples = downsampled(moving_lattice_, samples, lattice);
+    // Index of the full image -> index of the level's image.
+    for (int axis = 0; axis < Dim; ++axis) {
+      const double ratio = moving_lattice_.spacing[axis] / lattice.spacing[axis];
+      image.linear.row(axis) = ratio * to_moving_.linear.row(axis);
+      image.offset[axis] = ratio * to_moving_.offset[axis] - lattice.offset[axis] / lattice.spacing[axis];
+    }
+    return image;
+  }
+
+  const RegistrationInput<Dim>& input_;
+  const RegistrationOptions& options_;
+  Lattice<Dim> fixed_lattice_, moving_lattice_;
+  AffineMap<Dim> to_moving_;
+  std::vector<Scalar> fixed_, moving_;
+};
+
+Termination termination_of(MinimiseTermination termination) {
+  switch (termination) {
+    case MinimiseTermination::Converged:
+      return Termination::Converged;
+    case MinimiseTermination::IterationLimit:
+      return Termination::IterationLimit;
+    case MinimiseTermination::LineSearchFailed:
+      return Termination::LineSearchFailed;
+    case MinimiseTermination::Stopped:
+      return Termination::Stopped;
+  }
+  return Termination::Stopped;
+}
+
+/// Thrown by the evaluation hook when the caller wants the run to end, caught where the levels are run.
+struct StopRequested {};
+
+/// Work done and to come, in units of voxel evaluations.
+class WorkMeter {
+ public:
+  void plan(double work) { planned_ += work; }
+  void done(double work) { done_ += work; }
+  /// A level has ended: what it did not use will not come.
+  void settle(double planned_until_here) { done_ = planned_until_here; }
+  double fraction() const { return planned_ > 0 ? std::min(1.0, done_ / planned_) : 0; }
+
+ private:
+  double planned_ = 0, done_ = 0;
+};
+
+}  // namespace
+
+template <int Dim>
+RegistrationResult<Dim> register_images(const RegistrationInput<Dim>& input, const RegistrationOptions& options,
+                                        const ProgressCallback& progress) {
+  check_volume("fixed", input.fixed);
+  check_volume("moving", input.moving);
+  check_mask("fixed mask", input.fixed_mask, input.fixed);
+  check_mask("moving mask", input.moving_mask, input.moving);
+  const std::vector<std::string> wrong = problems(options);
+  if (!wrong.empty()) throw InvalidInput(wrong.front());
+#ifdef _OPENMP
+  if (options.threads > 0) omp_set_num_threads(options.threads);
+#endif
+
+  const Stopwatch whole;
+  RegistrationResult<Dim> result;
+  RegistrationSummary& summary = result.summary;
+  const Pyramid<Dim> pyramid(input, options);
+  std::vector<PlacedScale<Dim, Scalar>> scales = make_scales<Dim, Scalar>(pyramid.fixed_lattice(), options);
+
+  // Levels on which no scale takes part yet would have nothing to optimise.
+  std::vector<int> levels;
+  for (int level = options.pyramid.levels - 1; level >= options.pyramid.finest_level; --level)
+    if (std::any_of(scales.begin(), scales.end(), [&](const auto& s) { return s.level >= level; }) ||
+        level == options.pyramid.finest_level)
+      levels.push_back(level);
+
+  WorkMeter meter;
+  std::vector<double> planned_until;
+  double planned = 0;
+  for (int level : levels) {
+    planned += static_cast<double>(level_lattice(pyramid.fixed_lattice(), level).sites()) * (options.optimisation.max_iterations + 2);
+    planned_until.push_back(planned);
+  }
+  meter.plan(planned);
+
+  std::vector<Scalar> momenta;
+  std::unique_ptr<MatchingObjective<Dim, Scalar>> objective;
+  MatchingLevel<Dim, Scalar> level_images;
+  std::vector<MomentumScale<Dim, Scalar>*> active;
+  bool is_stopped = false;
+  for (std::size_t step = 0; step < levels.size() && !is_stopped; ++step) {
+    const Stopwatch watch;
+    const int level = levels[step];
+    objective.reset();
+    level_images = pyramid.level(level);
+    active.clear();
+    for (const auto& placed : scales)
+      if (placed.level >= level) active.push_back(placed.scale.get());
+    objective = std::make_unique<MatchingObjective<Dim, Scalar>>(
+        active, level_images,
+        make_similarity<Dim, Scalar>(options.similarity, level_images.lattice, options.similarity_parameters,
+                                     *std::min_element(level_images.lattice.spacing.begin(), level_images.lattice.spacing.end())),
+        options.momenta.sparsity);
+    if (options.momenta.shear_only) objective->keep_shear_only();
+    momenta.resize(objective->size(), Scalar(0));  // finer scales come last and start at 0
+
+    Progress now;
+    now.level = static_cast<int>(step) + 1;
+    now.levels = static_cast<int>(levels.size());
+    now.max_iterations = options.optimisation.max_iterations;
+    const double work = static_cast<double>(level_images.lattice.sites());
+    const auto report = [&] {
+      now.fraction = meter.fraction();
+      now.seconds_left = now.fraction > 0.01 ? whole.seconds() * (1 - now.fraction) / now.fraction : -1;
+      return !progress || progress(now) == ProgressAnswer::Continue;
+    };
+    objective->on_evaluation([&] {
+      if (!report()) throw StopRequested{};
+      meter.done(work);
+    });
+
+    MinimiseOptions how;
+    how.max_iterations = options.optimisation.max_iterations;
+    how.tolerance = options.optimisation.tolerance;
+    how.history = options.optimisation.history;
+    LevelSummary level_summary;
+    level_summary.level = now.level;
+    level_summary.grid = describe<Dim>(level_images.lattice.size);
+    level_summary.spacing_mm = *std::min_element(level_images.lattice.spacing.begin(), level_images.lattice.spacing.end());
+    try {
+      const MinimiseSummary found = minimise<Scalar>(*objective, how, momenta, [&](const MinimiseStep& taken) {
+        const EnergyParts& parts = objective->parts();
+        summary.history.push_back({now.level, taken.iteration, taken.energy, parts.similarity, parts.regularisation,
+                                   taken.sparsity, taken.step, taken.optimality});
+        now.iteration = taken.iteration;
+        now.energy = taken.energy;
+        now.similarity = parts.similarity;
+        return report();
+      });
+      level_summary.iterations = found.iterations;
+      level_summary.evaluations = found.evaluations;
+      level_summary.energy_before = found.energy_before;
+      level_summary.energy_after = found.energy_after;
+      level_summary.termination = termination_of(found.termination);
+    } catch (const StopRequested&) {
+      level_summary.termination = Termination::Stopped;
+    }
+    objective->on_evaluation({});
+    meter.settle(planned_until[step]);
+    level_summary.seconds = watch.seconds();
+    level_summary.cpu_seconds = watch.cpu_seconds();
+    summary.termination = level_summary.termination;
+    is_stopped = level_summary.termination == Termination::Stopped;
+    summary.levels.push_back(level_summary);
+  }
+
+  const std::vector<Field<Scalar>>& velocities = objective->velocities(momenta);
+  const Field<Scalar> backward = write_fields(input, level_images.lattice, velocities, result);
+  collect_momenta(active, momenta, input.fixed.grid, result);
+  summarise_similarity(pyramid.level(0), options, backward, result);
+  if (active.size() == 1) {
+    const std::vector<double> energies = objective->hamiltonians(momenta);
+    for (double energy : energies)
+      if (energies[0] > 0)
+        summary.hamiltonian_drift = std::max(summary.hamiltonian_drift, std::abs(energy - energies[0]) / energies[0]);
+  } else {
+    summary.hamiltonian_drift = -1;
+  }
+  summary.seconds = whole.seconds();
+  summary.cpu_seconds = whole.cpu_seconds();
+  return result;
+}
+
+template RegistrationResult<2> register_images(const RegistrationInput<2>&, const RegistrationOptions&, const ProgressCallback&);
+template RegistrationResult<3> register_images(const RegistrationInput<3>&, const RegistrationOptions&, const ProgressCallback&);
+
+}  // namespace saltus

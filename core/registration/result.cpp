@@ -1,0 +1,19 @@
+#include "core/registration/result.h"
+
+namespace saltus {
+
+std::string to_string(Termination termination) {
+  switch (termination) {
+    case Termination::Converged:
+      return "converged";
+    case Termination::IterationLimit:
+      return "iteration limit";
+    case Termination::LineSearchFailed:
+      return "no further decrease";
+    case Termination::Stopped:
+      return "stopped";
+  }
+  return "unknown";
+}
+
+}  // namespace saltus

@@ -1,0 +1,28 @@
+#pragma once
+
+#include "core/momenta/momentum_scale.h"
+#include "core/registration/options.h"
+
+#include <memory>
+#include <vector>
+
+namespace saltus {
+
+/// A momentum scale and the finest pyramid level (0 is full resolution) from which on it takes part.
+template <int Dim, class T>
+struct PlacedScale {
+  int level = 0;
+  std::unique_ptr<MomentumScale<Dim, T>> scale;
+};
+
+/// Lattice of pyramid level `level`: the reference spacing (the finest of the image) times 2^level, where the image is
+/// fine enough for it.
+template <int Dim>
+Lattice<Dim> level_lattice(const Lattice<Dim>& image, int level);
+
+/// The scales that the options ask for, coarsest first. Scale q lives on the lattice of level q with kernel width
+/// width_voxels * reference spacing * 2^q; the order-0 kernel of `sliding` is Gaussian, its order-1 kernel Wendland.
+template <int Dim, class T>
+std::vector<PlacedScale<Dim, T>> make_scales(const Lattice<Dim>& image, const RegistrationOptions& options);
+
+}  // namespace saltus

@@ -1,0 +1,110 @@
+// Oracle: the definition of the derivative. For E with gradient g, |E(m + e w) - E(m) - e <g, w>| falls as e^2.
+#include "core/registration/matching_objective.h"
+#include "core/registration/scales.h"
+#include "tests/support/random_fields.h"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+
+namespace saltus {
+namespace {
+
+struct Case {
+  Model model;
+  SimilarityType similarity;
+  bool masks;
+};
+
+template <int Dim>
+Lattice<Dim> small_lattice() {
+  Lattice<Dim> lattice;
+  const int size[3] = {19, 17, 9};
+  const double spacing[3] = {1.0, 1.25, 1.9};
+  for (int axis = 0; axis < Dim; ++axis) {
+    lattice.size[axis] = size[axis];
+    lattice.spacing[axis] = spacing[axis];
+  }
+  return lattice;
+}
+
+template <int Dim>
+void expect_taylor_slope_two(const Case& test) {
+  using testing::random_values;
+  using testing::random_waves;
+  const Lattice<Dim> lattice = small_lattice<Dim>();
+  RegistrationOptions options = default_options(test.model, test.similarity, Preset::Balanced);
+  options.momenta.width_voxels = 4;
+  options.momenta.scales = 2;
+  if (options.momenta.first_order_scales > 0) options.momenta.first_order_scales = test.model == Model::Sliding ? 1 : 2;
+  options.momenta.regularisation = options.momenta.first_order_regularisation = 0.05;
+  auto placed = make_scales<Dim, double>(lattice, options);
+  std::vector<MomentumScale<Dim, double>*> scales;
+  for (auto& scale : placed) scales.push_back(scale.scale.get());
+
+  MatchingLevel<Dim, double> level;
+  level.lattice = lattice;
+  level.fixed = random_waves<Dim>(lattice, 1);
+  level.moving.lattice = lattice;
+  level.moving.samples = random_waves<Dim>(lattice, 2);
+  level.moving.linear = Matrix<Dim>::Zero();
+  for (int axis = 0; axis < Dim; ++axis) level.moving.linear(axis, axis) = 1 / lattice.spacing[axis];
+  level.moving.linear(0, 1) = 0.1;  // an affine start: the moving grid is oblique to the frame
+  level.moving.offset = Vector<Dim>::Constant(0.2);
+  if (test.masks) {
+    level.fixed_weights = random_values(lattice.sites(), 3, 0.5);
+    for (double& weight : level.fixed_weights) weight += 0.5;
+    level.moving_weights = level.moving;
+    level.moving_weights.samples = random_waves<Dim>(lattice, 4);
+    for (double& weight : level.moving_weights.samples) weight = 0.5 + 0.2 * weight;
+  }
+  level.time_steps = 3;
+
+  MatchingObjective<Dim, double> objective(
+      scales, level, make_similarity<Dim, double>(test.similarity, lattice, options.similarity_parameters, 1.0), 0.0);
+  const std::size_t size = objective.size();
+  const std::vector<double> at = random_values(size, 5, 0.03);
+  std::vector<double> along = random_values(size, 6, 0.03);
+  std::vector<double> gradient(size), preconditioned(size), ignored(size), ignored_too(size);
+  const Evaluation start = objective.evaluate(at, gradient, preconditioned);
+  ASSERT_TRUE(start.is_valid);
+  // A random direction, with a part along the gradient so that the slope is not small by chance.
+  double size2 = 0, slope = 0;
+  for (double g : gradient) size2 += g * g;
+  for (std::size_t i = 0; i < size; ++i) along[i] += 0.1 * gradient[i] / std::sqrt(size2);
+  for (std::size_t i = 0; i < size; ++i) slope += gradient[i] * along[i];
+
+  // Linear interpolation has kinks at cell borders; steps this small meet hardly any. Halving must divide by four.
+  std::vector<double> remainders;
+  for (double step : {4e-5, 2e-5, 1e-5}) {
+    std::vector<double> moved = at;
+    for (std::size_t i = 0; i < size; ++i) moved[i] += step * along[i];
+    remainders.push_back(std::abs(objective.evaluate(moved, ignored, ignored_too).value - start.value - step * slope));
+  }
+  for (std::size_t k = 0; k + 1 < remainders.size(); ++k) {
+    const double order = std::log2(remainders[k] / remainders[k + 1]);
+    EXPECT_GT(order, 1.85) << "remainders " << remainders[k] << " " << remainders[k + 1] << ", slope " << slope;
+  }
+  // First-order agreement, so that a wrong but tiny part cannot hide.
+  EXPECT_LT(remainders.back(), 2e-3 * std::abs(1e-5 * slope));
+}
+
+class Gradient : public ::testing::TestWithParam<Case> {};
+
+TEST_P(Gradient, HasTaylorSlopeTwoInTwoDimensions) { expect_taylor_slope_two<2>(GetParam()); }
+TEST_P(Gradient, HasTaylorSlopeTwoInThreeDimensions) { expect_taylor_slope_two<3>(GetParam()); }
+
+std::vector<Case> all_cases() {
+  std::vector<Case> cases;
+  for (Model model : {Model::Gaussian, Model::Wendland, Model::Wendland1, Model::Sliding})
+    for (SimilarityType similarity : {SimilarityType::Ssd, SimilarityType::Lncc})
+      for (bool masks : {false, true}) cases.push_back({model, similarity, masks});
+  return cases;
+}
+
+INSTANTIATE_TEST_SUITE_P(Models, Gradient, ::testing::ValuesIn(all_cases()), [](const auto& info) {
+  return to_string(info.param.model) + "_" + to_string(info.param.similarity) + (info.param.masks ? "_masks" : "");
+});
+
+}  // namespace
+}  // namespace saltus
