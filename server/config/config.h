@@ -1,0 +1,32 @@
+#pragma once
+
+#include "server/rpc/listen_address.h"
+
+#include <chrono>
+#include <filesystem>
+#include <string>
+
+namespace saltus::server {
+
+/// What the command line says.
+struct Config {
+  std::filesystem::path data;
+  ListenAddress listen;
+  std::filesystem::path worker;
+  int slots = 0;
+  int threads_per_job = 0;
+  std::chrono::milliseconds lease{};
+  std::string log_level;
+  bool exit_on_stdin_close = false;
+};
+
+struct ParsedConfig {
+  Config config;
+  bool has_ended = false;  ///< help or version was printed, or the usage was wrong: end with exit_code
+  int exit_code = 0;
+};
+
+/// Reads the command line and fills in what it leaves out. Throws InvalidInput.
+ParsedConfig parse_config(int argc, char** argv);
+
+}  // namespace saltus::server

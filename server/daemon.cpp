@@ -1,0 +1,84 @@
+#include "server/daemon.h"
+
+#include <set>
+
+namespace saltus::server {
+namespace {
+
+// How late a lease's end or the next step of a cancel may be noticed.
+constexpr auto kTick = std::chrono::milliseconds(50);
+constexpr auto kCallGrace = std::chrono::milliseconds(500);
+
+}  // namespace
+
+Daemon::Daemon(const DaemonSettings& settings, std::function<void(const std::string&)> on_broken, DaemonParts parts)
+    : directory_(settings.data), bytes_(directory_.blobs(), directory_.uploads()) {
+  auto store = std::make_unique<SqliteJobStore>(directory_.database(), std::move(on_broken));
+  const auto known = store->blobs();
+  const std::set<std::string> known_digests(known.begin(), known.end());
+  bytes_.remove_unknown([&](const std::string& digest) { return known_digests.contains(digest); });
+  store_ = std::move(store);
+  if (parts.wrap_store) store_ = parts.wrap_store(std::move(store_));
+
+  blobs_ = std::make_unique<BlobCatalog>(*store_, bytes_, clock_);
+  LocalLauncher* local = nullptr;
+  if (!parts.launcher) {
+    auto made = std::make_unique<LocalLauncher>(
+        LocalLauncherSettings{settings.worker, settings.listen.to_text(), directory_.run(), directory_.logs()});
+    local = made.get();
+    parts.launcher = std::move(made);
+  }
+  launcher_ = std::move(parts.launcher);
+  jobs_ = std::make_unique<JobManager>(*store_, *blobs_, *launcher_, clock_, ids_, settings.jobs, [this] { wake(); });
+  jobs_->recover();
+  if (local) local->remove_stale_tokens();
+  rpc_ = std::make_unique<RpcServer>(settings.listen, *jobs_, *blobs_, ids_, settings.version);
+  if (local) local->set_server_address(rpc_->address());
+  thread_ = std::thread([this] { run(); });
+}
+
+Daemon::~Daemon() {
+  rpc_.reset();
+  {
+    std::lock_guard lock(mutex_);
+    is_closing_ = true;
+  }
+  changed_.notify_all();
+  thread_.join();
+}
+
+void Daemon::wake() {
+  {
+    std::lock_guard lock(mutex_);
+    has_work_ = true;
+  }
+  changed_.notify_all();
+}
+
+void Daemon::run() {
+  std::unique_lock lock(mutex_);
+  while (!is_closing_) {
+    changed_.wait_for(lock, kTick, [this] { return has_work_ || is_closing_; });
+    has_work_ = false;
+    lock.unlock();
+    jobs_->tick();
+    const bool is_drained = jobs_->is_drained();
+    lock.lock();
+    if (is_drained && !is_drained_) {
+      is_drained_ = true;
+      changed_.notify_all();
+    }
+  }
+}
+
+void Daemon::stop() {
+  rpc_->set_not_serving();
+  jobs_->begin_drain();
+  {
+    std::unique_lock lock(mutex_);
+    changed_.wait(lock, [this] { return is_drained_; });
+  }
+  rpc_->stop(kCallGrace);
+}
+
+}  // namespace saltus::server

@@ -1,0 +1,75 @@
+#pragma once
+
+#include "server/jobs/blob_catalog.h"
+#include "server/jobs/job_manager.h"
+#include "server/launch/local_launcher.h"
+#include "server/rpc/rpc_server.h"
+#include "server/store/blob_directory.h"
+#include "server/store/data_directory.h"
+#include "server/store/random_ids.h"
+#include "server/store/sqlite_job_store.h"
+
+#include <chrono>
+#include <condition_variable>
+#include <filesystem>
+#include <functional>
+#include <memory>
+#include <mutex>
+#include <string>
+#include <thread>
+
+namespace saltus::server {
+
+struct DaemonSettings {
+  std::filesystem::path data;
+  ListenAddress listen;
+  std::filesystem::path worker;  ///< the worker's program
+  ManagerSettings jobs;
+  std::string version;
+};
+
+/// What tests replace. The default of each is the real thing.
+struct DaemonParts {
+  std::unique_ptr<Launcher> launcher;
+  std::function<std::unique_ptr<JobStore>(std::unique_ptr<JobStore>)> wrap_store;
+};
+
+/// A running daemon: opens the store, recovers what an earlier one left, listens. Destruction without stop() leaves
+/// workers running, like a crash.
+class Daemon {
+ public:
+  /// `on_broken` is called from another thread when the daemon cannot go on. Throws std::runtime_error or InvalidInput.
+  Daemon(const DaemonSettings& settings, std::function<void(const std::string& reason)> on_broken, DaemonParts parts = {});
+  ~Daemon();
+  Daemon(const Daemon&) = delete;
+  Daemon& operator=(const Daemon&) = delete;
+
+  const std::string& address() const { return rpc_->address(); }
+  /// Refuses new jobs, ends the workers (their jobs are queued again) and all calls. Blocks.
+  void stop();
+
+ private:
+  void run();
+  void wake();
+
+  DataDirectory directory_;
+  SystemClock clock_;
+  RandomIds ids_;
+  BlobDirectory bytes_;
+
+  std::mutex mutex_;
+  std::condition_variable changed_;
+  bool has_work_ = false;
+  bool is_drained_ = false;
+  bool is_closing_ = false;
+
+  // Launcher and store call the manager from their threads until they are gone, so they go first.
+  std::unique_ptr<JobManager> jobs_;
+  std::unique_ptr<BlobCatalog> blobs_;
+  std::unique_ptr<JobStore> store_;
+  std::unique_ptr<Launcher> launcher_;
+  std::unique_ptr<RpcServer> rpc_;
+  std::thread thread_;
+};
+
+}  // namespace saltus::server

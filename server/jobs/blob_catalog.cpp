@@ -1,0 +1,64 @@
+#include "server/jobs/blob_catalog.h"
+
+#include "server/jobs/refusal.h"
+
+#include <map>
+
+namespace saltus::server {
+
+std::vector<std::string> BlobCatalog::missing(const std::vector<std::string>& digests) {
+  std::map<std::string, std::int64_t> sizes;
+  rows_.read([&](JobReader& reader) {
+    for (const std::string& digest : digests)
+      if (const auto size = reader.blob_size(digest)) sizes[digest] = *size;
+  });
+  // A row whose bytes were damaged from outside counts as missing, so that a new upload heals it.
+  std::vector<std::string> result;
+  for (const std::string& digest : digests) {
+    const auto found = sizes.find(digest);
+    if (found == sizes.end() || !bytes_.holds(digest, found->second)) result.push_back(digest);
+  }
+  return result;
+}
+
+bool BlobCatalog::has(const std::string& digest, std::int64_t size) {
+  std::optional<std::int64_t> known;
+  rows_.read([&](JobReader& reader) { known = reader.blob_size(digest); });
+  return known == size && bytes_.holds(digest, size);
+}
+
+std::unique_ptr<BlobUpload> BlobCatalog::begin(const std::string& digest, std::int64_t size) {
+  return bytes_.begin(digest, size);
+}
+
+void BlobCatalog::commit(std::shared_ptr<BlobUpload> upload, JobStore::Done done) {
+  // The file gets its name on the writing thread, so that it cannot cross a removal of the same digest.
+  rows_.write(
+      [this, upload](JobTable& table) {
+        bytes_.publish(*upload);
+        table.insert_blob(upload->digest(), upload->size(), clock_.wall());
+      },
+      std::move(done));
+}
+
+std::unique_ptr<BlobReader> BlobCatalog::open(const std::string& digest) {
+  std::optional<std::int64_t> size;
+  rows_.read([&](JobReader& reader) { size = reader.blob_size(digest); });
+  if (!size)
+    throw Refusal(RefusalKind::NotFound, "BLOB_NOT_FOUND", "there is no blob " + digest + " on the server; upload it first");
+  return bytes_.open(digest, *size);
+}
+
+void BlobCatalog::drop_bytes(std::vector<std::string> digests) {
+  if (digests.empty()) return;
+  // In an operation of its own: a blob that was uploaded again meanwhile has its row again and stays. What a crash
+  // leaves over has no row and is removed at the next start.
+  rows_.write(
+      [this, digests = std::move(digests)](JobTable& table) {
+        for (const std::string& digest : digests)
+          if (!table.blob_size(digest)) bytes_.remove(digest);
+      },
+      [](std::exception_ptr) {});
+}
+
+}  // namespace saltus::server

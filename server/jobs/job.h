@@ -1,0 +1,94 @@
+#pragma once
+
+#include "server/jobs/clock.h"
+
+#include <cstdint>
+#include <map>
+#include <optional>
+#include <string>
+#include <vector>
+
+namespace saltus::server {
+
+enum class JobState { Queued, Running, Cancelling, Succeeded, Failed, Cancelled };
+
+bool is_terminal(JobState state);
+/// A worker holds the job: Running or Cancelling.
+bool is_held(JobState state);
+std::string to_string(JobState state);
+
+/// Why a job failed: `reason` in UPPER_SNAKE for programs, `message` one sentence for people.
+struct JobFailure {
+  std::string reason;
+  std::string message;
+  bool operator==(const JobFailure&) const = default;
+};
+
+/// A file made by a job. The name is a plain file name.
+struct Artifact {
+  std::string name;
+  std::string digest;  ///< sha256:<hex>
+  std::int64_t size = 0;
+  bool operator==(const Artifact&) const = default;
+};
+
+/// Everything that is kept about a job. The specification is opaque here.
+struct JobRecord {
+  std::int64_t sequence = 0;  ///< order of creation, given by the store
+  std::int64_t revision = 0;  ///< grows with every change
+  std::string id;
+  std::string request_id;    ///< "" when the client gave none
+  std::string request_hash;  ///< fingerprint of what was asked for
+  std::string spec;
+  std::vector<std::string> inputs;  ///< digests that the specification names
+  std::map<std::string, std::string> labels;
+  int threads = 0;  ///< 0: the daemon's default
+
+  JobState state = JobState::Queued;
+  int attempt = 0;        ///< number of the current or last attempt, 0 before the first
+  int lost_attempts = 0;  ///< attempts that ended without an outcome and count against the limit
+  int crashes = 0;        ///< of those, how many died by a signal
+  std::string token_hash;  ///< fingerprint of the attempt's token
+  std::string process;     ///< the launcher's name for the attempt's process; "" while unknown
+
+  WallTime created{};
+  std::optional<WallTime> started;  ///< of the current or last attempt
+  std::optional<WallTime> ended;
+  std::optional<JobFailure> failure;  ///< Failed only
+  std::vector<Artifact> artifacts;    ///< Succeeded only
+};
+
+/// What a client asks for.
+struct NewJob {
+  std::string request_id;
+  std::string request_hash;
+  std::string spec;
+  std::vector<std::string> inputs;
+  std::map<std::string, std::string> labels;
+  int threads = 0;
+};
+
+enum class JobStage { Unknown, Fetching, Validating, Optimising, Writing };
+
+/// Where the running attempt stands; kept in memory only.
+struct JobProgress {
+  JobStage stage = JobStage::Unknown;
+  int level = 0;
+  int levels = 0;
+  int iteration = 0;
+  int max_iterations = 0;
+  double energy = 0;
+  double similarity = 0;
+  double fraction = 0;
+  double seconds_left = -1;  ///< -1 while unknown
+  bool operator==(const JobProgress&) const = default;
+};
+
+/// One attempt at one job.
+struct AttemptKey {
+  std::string job_id;
+  int attempt = 0;
+  auto operator<=>(const AttemptKey&) const = default;
+};
+
+}  // namespace saltus::server

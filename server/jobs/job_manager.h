@@ -1,0 +1,122 @@
+#pragma once
+
+#include "server/jobs/blob_catalog.h"
+#include "server/jobs/job_queue.h"
+#include "server/jobs/launcher.h"
+#include "server/jobs/lease_table.h"
+#include "server/jobs/watch_hub.h"
+
+#include <atomic>
+#include <chrono>
+#include <deque>
+#include <functional>
+#include <map>
+#include <mutex>
+#include <optional>
+#include <string>
+#include <vector>
+
+namespace saltus::server {
+
+struct ManagerSettings {
+  int slots = 1;            ///< workers at the same time
+  int default_threads = 1;  ///< of a worker whose job does not say
+  std::chrono::milliseconds lease{30000};
+  std::chrono::milliseconds heartbeat_interval{1000};
+  CancelLadder cancel_ladder;
+  std::chrono::milliseconds linger{5000};       ///< for a worker's process to end after its attempt has ended
+  std::chrono::milliseconds drain_grace{2000};  ///< for workers to end when the daemon shuts down
+  QueueLimits queue;
+};
+
+struct JobView {
+  JobRecord job;
+  std::optional<JobProgress> progress;  ///< of a running attempt that has reported
+  int queue_position = 0;               ///< 1 is next; 0 when not queued
+};
+
+struct LeaseGrant {
+  std::string spec;
+  int threads = 1;
+  std::chrono::milliseconds lease{};
+  std::chrono::milliseconds heartbeat_interval{};
+};
+
+/// `error` is nothing when the call succeeded; else the second argument means nothing.
+template <class T>
+using Reply = std::function<void(std::exception_ptr error, const T& value)>;
+
+/// Acts on what JobQueue decides: keeps it in the store, tells watchers once it is durable, starts and stops workers.
+///
+/// Life: construct, recover(), then any call from any thread; tick() from one thread, about every 50 ms and whenever
+/// `wake` asks for it. It has no thread of its own. Store and launcher must stop calling back before it is destroyed.
+/// Replies come from the store's writing thread and must not block. Methods without a reply that touch the store block;
+/// those that never block say so.
+class JobManager {
+ public:
+  JobManager(JobStore& store, BlobCatalog& blobs, Launcher& launcher, const Clock& clock, IdSource& ids,
+             ManagerSettings settings, std::function<void()> wake);
+
+  /// Takes over what an earlier daemon left: workers that are still there go on, jobs of the others are queued again.
+  /// A worker that cannot be found gets one lease of grace to report. Blocks until all is durable.
+  void recover();
+
+  void submit(const NewJob& job, Reply<JobView> reply);
+  void cancel(const std::string& id, Reply<JobView> reply);
+  void remove(const std::string& id, Reply<std::string> reply);
+  JobView get(const std::string& id);
+  /// Newest first; see JobReader::list.
+  std::vector<JobView> list(std::optional<JobState> state, std::int64_t before, int limit);
+  WatchHub& watchers() { return watchers_; }
+
+  LeaseGrant acquire(const AttemptKey& key, const std::string& token);
+  /// Never blocks.
+  LeaseTable::Wanted heartbeat(const AttemptKey& key, const std::string& token, const JobProgress& progress);
+  void complete(const AttemptKey& key, const std::string& token, const Outcome& outcome, Reply<JobRecord> reply);
+
+  void tick();
+  /// From now on no job is accepted or started; workers are asked to end and their jobs are queued again.
+  void begin_drain();
+  bool is_draining() const { return is_draining_; }
+  /// All workers are gone.
+  bool is_drained() const;
+
+  /// Never block.
+  int queued_jobs() const { return queued_; }
+  int running_jobs() const;
+  int slots() const { return settings_.slots; }
+
+ private:
+  struct Change;
+  void write_change(std::function<std::optional<JobRecord>(JobTable&)> decide,
+                    std::function<void(std::exception_ptr, const Change&)> done);
+  void committed(const Change& change);
+  void lose(const AttemptKey& key, LossCause cause, const std::string& detail);
+  void worker_ended(const AttemptKey& key, const WorkerExit& exit);
+  void dispatch();
+  void launch(const LaunchRequest& request);
+  int threads_of(const JobRecord& job) const;
+  JobView view(const JobRecord& job, int queue_position) const;
+
+  JobStore& store_;
+  BlobCatalog& blobs_;
+  Launcher& launcher_;
+  const Clock& clock_;
+  IdSource& ids_;
+  const ManagerSettings settings_;
+  const std::function<void()> wake_;
+  const JobQueue queue_;
+  WatchHub watchers_;
+
+  mutable std::mutex mutex_;
+  LeaseTable leases_;
+  std::map<std::string, JobProgress> progress_;
+  std::deque<LaunchRequest> launches_;        ///< taken from the queue, to be started by tick()
+  std::map<AttemptKey, SteadyTime> retired_;  ///< attempts that have ended, and when their process must be gone
+  bool is_dispatching_ = false;
+  std::optional<SteadyTime> drain_started_;
+  std::atomic<bool> is_draining_{false};
+  std::atomic<int> queued_{0};
+};
+
+}  // namespace saltus::server

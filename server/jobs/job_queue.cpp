@@ -1,0 +1,186 @@
+#include "server/jobs/job_queue.h"
+
+#include "server/jobs/job_transitions.h"
+#include "server/jobs/refusal.h"
+
+#include <algorithm>
+#include <stdexcept>
+
+namespace saltus::server {
+namespace {
+
+void apply(JobRecord& job, JobEvent event, WallTime now) {
+  const auto next = next_state(job.state, event);
+  if (!next) throw std::logic_error("job " + job.id + " cannot leave state " + to_string(job.state) + " that way");
+  job.state = *next;
+  if (is_terminal(job.state)) job.ended = now;
+}
+
+Refusal lease_lost(const AttemptKey& key) {
+  return {RefusalKind::Aborted, "LEASE_LOST",
+          "attempt " + std::to_string(key.attempt) + " of job " + key.job_id +
+              " is not the current one any more; the worker must end without output"};
+}
+
+bool is_same_outcome(const JobRecord& job, const Outcome& outcome) {
+  if (const auto* delivered = std::get_if<Delivered>(&outcome))
+    return job.state == JobState::Succeeded && job.artifacts == delivered->artifacts;
+  if (const auto* failure = std::get_if<JobFailure>(&outcome))
+    return job.state == JobState::Cancelled || (job.state == JobState::Failed && job.failure == *failure);
+  return job.state == JobState::Cancelled;
+}
+
+void require_blobs(JobTable& table, const std::vector<Artifact>& artifacts) {
+  for (const Artifact& artifact : artifacts) {
+    const auto size = table.blob_size(artifact.digest);
+    if (!size || *size != artifact.size)
+      throw Refusal(RefusalKind::FailedPrecondition, "ARTIFACT_MISSING",
+                    "artefact " + artifact.name + " is " + artifact.digest + " with " + std::to_string(artifact.size) +
+                        " bytes, which has not been uploaded; upload it before completing the job");
+  }
+}
+
+std::string describe(LossCause cause, const std::string& detail) {
+  switch (cause) {
+    case LossCause::Crashed: return "the worker died by " + detail;
+    case LossCause::Exited: return "the worker ended without a result, " + detail;
+    case LossCause::Stopped: return "the worker stopped unasked";
+    case LossCause::Vanished: return "the worker was gone after a restart of the daemon";
+    case LossCause::LeaseExpired: return "the worker was not heard of for too long";
+    case LossCause::LaunchFailed: return "the worker could not be started: " + detail;
+    case LossCause::Released: return "the daemon was shut down";
+  }
+  return detail;
+}
+
+}  // namespace
+
+JobRecord require_job(JobReader& reader, const std::string& id) {
+  auto job = reader.find(id);
+  if (!job)
+    throw Refusal(RefusalKind::NotFound, "JOB_NOT_FOUND", "there is no job '" + id + "'; list the jobs to see which there are");
+  return *std::move(job);
+}
+
+JobRecord JobQueue::submit(JobTable& table, const NewJob& asked) const {
+  if (!asked.request_id.empty()) {
+    if (auto earlier = table.find_request(asked.request_id)) {
+      if (earlier->request_hash == asked.request_hash) return *std::move(earlier);
+      throw Refusal(RefusalKind::AlreadyExists, "REQUEST_ID_REUSED",
+                    "request_id '" + asked.request_id + "' was used for another registration, job " + earlier->id +
+                        "; use a new request_id");
+    }
+  }
+  if (table.count(JobState::Queued) >= limits_.max_queued)
+    throw Refusal(RefusalKind::Exhausted, "QUEUE_FULL",
+                  "the queue holds " + std::to_string(limits_.max_queued) + " jobs, which is its limit; try again later");
+  for (const std::string& digest : asked.inputs)
+    if (!table.blob_size(digest))
+      throw Refusal(RefusalKind::FailedPrecondition, "INPUT_MISSING",
+                    "input " + digest + " is not on the server; upload it with WriteBlob first");
+
+  JobRecord job;
+  job.created = clock_.wall();
+  job.id = ids_.new_job_id(job.created);
+  job.request_id = asked.request_id;
+  job.request_hash = asked.request_hash;
+  job.spec = asked.spec;
+  job.inputs = asked.inputs;
+  job.labels = asked.labels;
+  job.threads = asked.threads;
+  table.insert(job);
+  return job;
+}
+
+std::optional<JobQueue::Taken> JobQueue::take_next(JobTable& table) const {
+  auto job = table.next_queued();
+  if (!job) return std::nullopt;
+  Taken taken{*std::move(job), ids_.new_token()};
+  const WallTime now = clock_.wall();
+  apply(taken.job, JobEvent::Start, now);
+  ++taken.job.attempt;
+  taken.job.started = now;
+  taken.job.token_hash = ids_.fingerprint(taken.token);
+  taken.job.process.clear();
+  table.update(taken.job);
+  return taken;
+}
+
+JobRecord JobQueue::cancel(JobTable& table, const std::string& id) const {
+  JobRecord job = require_job(table, id);
+  const JobState before = job.state;
+  if (is_terminal(before)) return job;
+  apply(job, JobEvent::Cancel, clock_.wall());
+  if (job.state != before) table.update(job);
+  return job;
+}
+
+JobRecord JobQueue::complete(JobTable& table, const AttemptKey& key, const std::string& token,
+                             const Outcome& outcome, LossCause stop_cause) const {
+  auto found = table.find(key.job_id);
+  if (!found || found->attempt != key.attempt || found->token_hash != ids_.fingerprint(token)) throw lease_lost(key);
+  JobRecord job = *std::move(found);
+  if (is_terminal(job.state) && is_same_outcome(job, outcome)) return job;
+  if (!is_held(job.state)) throw lease_lost(key);
+
+  const WallTime now = clock_.wall();
+  if (const auto* delivered = std::get_if<Delivered>(&outcome)) {
+    require_blobs(table, delivered->artifacts);
+    apply(job, JobEvent::Succeed, now);
+    job.artifacts = delivered->artifacts;
+  } else if (const auto* failure = std::get_if<JobFailure>(&outcome)) {
+    apply(job, JobEvent::Fail, now);
+    if (job.state == JobState::Failed) job.failure = *failure;
+  } else if (job.state == JobState::Running) {
+    return *lose(table, key, stop_cause, "");
+  } else {
+    apply(job, JobEvent::Stop, now);
+  }
+  table.update(job);
+  return job;
+}
+
+std::optional<JobRecord> JobQueue::lose(JobTable& table, const AttemptKey& key, LossCause cause,
+                                        const std::string& detail) const {
+  auto found = table.find(key.job_id);
+  if (!found || found->attempt != key.attempt || !is_held(found->state)) return std::nullopt;
+  JobRecord job = *std::move(found);
+  const WallTime now = clock_.wall();
+  if (cause == LossCause::Released) {
+    apply(job, JobEvent::Release, now);
+  } else {
+    ++job.lost_attempts;
+    if (cause == LossCause::Crashed) ++job.crashes;
+    const bool is_poison = job.crashes >= limits_.max_crashes;
+    const bool is_last = job.lost_attempts >= limits_.max_attempts;
+    apply(job, is_poison || is_last ? JobEvent::GiveUp : JobEvent::Lose, now);
+    if (job.state == JobState::Failed) {
+      const std::string what = describe(cause, detail);
+      if (is_poison)
+        job.failure = {"WORKER_CRASHED", what + ", for the second time; the input may be too large for the machine, see the "
+                                                "daemon's log"};
+      else
+        job.failure = {"ATTEMPTS_EXHAUSTED", "attempt " + std::to_string(job.lost_attempts) + " of " +
+                                                 std::to_string(limits_.max_attempts) + " was lost as well: " + what +
+                                                 "; see the daemon's log"};
+    }
+  }
+  job.process.clear();
+  table.update(job);
+  return job;
+}
+
+std::vector<std::string> JobQueue::remove(JobTable& table, const std::string& id) const {
+  const JobRecord job = require_job(table, id);
+  if (is_held(job.state))
+    throw Refusal(RefusalKind::FailedPrecondition, "JOB_RUNNING",
+                  "job '" + id + "' is " + to_string(job.state) + "; cancel it and delete it when it has ended");
+  std::vector<std::string> digests;
+  for (const Artifact& artifact : job.artifacts) digests.push_back(artifact.digest);
+  std::sort(digests.begin(), digests.end());
+  digests.erase(std::unique(digests.begin(), digests.end()), digests.end());
+  table.erase(id);
+  return digests;
+}
+
+}  // namespace saltus::server

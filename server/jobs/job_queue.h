@@ -1,0 +1,78 @@
+#pragma once
+
+#include "server/jobs/clock.h"
+#include "server/jobs/id_source.h"
+#include "server/jobs/job.h"
+#include "server/jobs/job_store.h"
+
+#include <optional>
+#include <string>
+#include <variant>
+#include <vector>
+
+namespace saltus::server {
+
+struct QueueLimits {
+  int max_queued = 10000;
+  int max_attempts = 3;  ///< lost attempts after which a job is given up
+  int max_crashes = 2;   ///< deaths by a signal after which a job counts as poison
+};
+
+/// Why an attempt ended without an outcome.
+enum class LossCause {
+  Crashed,       ///< the worker died by a signal
+  Exited,        ///< the worker ended without completing
+  Stopped,       ///< the worker stopped although nobody asked it to
+  Vanished,      ///< the worker's process was gone after a restart of the daemon
+  LeaseExpired,  ///< nothing was heard of the worker for too long
+  LaunchFailed,  ///< the worker could not be started
+  Released,      ///< the daemon stopped the worker to shut down; does not count
+};
+
+struct Delivered {
+  std::vector<Artifact> artifacts;
+};
+struct Stopped {};
+/// What a worker reports at the end.
+using Outcome = std::variant<Delivered, JobFailure, Stopped>;
+
+/// Decides what becomes of jobs. Has no thread, file or clock of its own and keeps nothing: each method works on the
+/// rows of one transaction. Throws Refusal when a call cannot be granted; the rows are then to be rolled back.
+class JobQueue {
+ public:
+  JobQueue(const Clock& clock, IdSource& ids, QueueLimits limits) : clock_(clock), ids_(ids), limits_(limits) {}
+
+  /// Appends a job. With a request_id seen before: the job made then, or ALREADY_EXISTS when it was for another content.
+  JobRecord submit(JobTable& table, const NewJob& job) const;
+
+  struct Taken {
+    JobRecord job;
+    std::string token;
+  };
+  /// Starts the next attempt of the oldest queued job. Nothing when no job is queued.
+  std::optional<Taken> take_next(JobTable& table) const;
+
+  /// Idempotent.
+  JobRecord cancel(JobTable& table, const std::string& id) const;
+
+  /// Ends an attempt with its outcome. Repeating the same outcome is allowed. Throws Aborted LEASE_LOST when the attempt
+  /// or the token is not the current one. A worker that has stopped unasked has lost its attempt for `stop_cause`.
+  JobRecord complete(JobTable& table, const AttemptKey& key, const std::string& token, const Outcome& outcome,
+                     LossCause stop_cause = LossCause::Stopped) const;
+
+  /// Ends an attempt without an outcome. Nothing when it had ended before. `detail` goes into the failure message.
+  std::optional<JobRecord> lose(JobTable& table, const AttemptKey& key, LossCause cause, const std::string& detail) const;
+
+  /// Removes the job and returns the digests of its artefacts. Throws FailedPrecondition JOB_RUNNING.
+  std::vector<std::string> remove(JobTable& table, const std::string& id) const;
+
+ private:
+  const Clock& clock_;
+  IdSource& ids_;
+  QueueLimits limits_;
+};
+
+/// Throws NotFound JOB_NOT_FOUND.
+JobRecord require_job(JobReader& reader, const std::string& id);
+
+}  // namespace saltus::server

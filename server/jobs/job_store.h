@@ -1,0 +1,58 @@
+#pragma once
+
+#include "server/jobs/job.h"
+
+#include <cstdint>
+#include <exception>
+#include <functional>
+#include <optional>
+#include <string>
+#include <vector>
+
+namespace saltus::server {
+
+/// The committed rows, as of one moment.
+class JobReader {
+ public:
+  virtual ~JobReader() = default;
+  virtual std::optional<JobRecord> find(const std::string& id) = 0;
+  /// Newest first: jobs with a sequence below `before`, at most `limit`.
+  virtual std::vector<JobRecord> list(std::optional<JobState> state, std::int64_t before, int limit) = 0;
+  /// Sequences of all queued jobs up to `last`, ascending.
+  virtual std::vector<std::int64_t> queued_up_to(std::int64_t last) = 0;
+  virtual int count(JobState state) = 0;
+  virtual std::optional<std::int64_t> blob_size(const std::string& digest) = 0;
+};
+
+/// The rows inside one write transaction. Only valid during the operation it was given to.
+class JobTable : public JobReader {
+ public:
+  virtual std::optional<JobRecord> find_request(const std::string& request_id) = 0;
+  /// The oldest queued job.
+  virtual std::optional<JobRecord> next_queued() = 0;
+  /// Gives `job` its sequence.
+  virtual void insert(JobRecord& job) = 0;
+  /// Replaces what may change: state, attempts, times, failure, artefacts. Raises the revision of `job`.
+  virtual void update(JobRecord& job) = 0;
+  virtual void erase(const std::string& id) = 0;
+  virtual void insert_blob(const std::string& digest, std::int64_t size, WallTime now) = 0;
+  /// True when the blob is gone from the table; false when a job still refers to it.
+  virtual bool erase_blob_if_unreferenced(const std::string& digest) = 0;
+};
+
+/// Keeps jobs. Operations are run one after the other, each in a transaction of its own or not at all.
+class JobStore {
+ public:
+  using Operation = std::function<void(JobTable&)>;
+  using Done = std::function<void(std::exception_ptr)>;
+
+  virtual ~JobStore() = default;
+  /// Runs `operation` on the store's writing thread; an exception undoes it. `done` is called on the same thread, in
+  /// order, after the result is durable: with nothing, with what the operation threw, or with a Refusal that says why
+  /// the store could not keep it. Neither may block.
+  virtual void write(Operation operation, Done done) = 0;
+  /// Runs `operation` on the calling thread on a consistent view. Blocks.
+  virtual void read(const std::function<void(JobReader&)>& operation) = 0;
+};
+
+}  // namespace saltus::server

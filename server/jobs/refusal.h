@@ -1,0 +1,35 @@
+#pragma once
+
+#include <stdexcept>
+#include <string>
+
+namespace saltus::server {
+
+enum class RefusalKind {
+  InvalidArgument,
+  NotFound,
+  AlreadyExists,
+  FailedPrecondition,
+  Exhausted,    ///< a limit is reached; later it may work
+  Unavailable,  ///< the daemon is going down or its store is broken
+  Aborted,      ///< the caller's attempt is not the current one any more
+  OutOfRange,
+  DataLoss,
+};
+
+/// A call that cannot be granted. `reason` is UPPER_SNAKE for programs; what() is one sentence for people that says
+/// what to do about it.
+class Refusal : public std::runtime_error {
+ public:
+  Refusal(RefusalKind kind, std::string reason, const std::string& message)
+      : std::runtime_error(message), kind_(kind), reason_(std::move(reason)) {}
+
+  RefusalKind kind() const { return kind_; }
+  const std::string& reason() const { return reason_; }
+
+ private:
+  RefusalKind kind_;
+  std::string reason_;
+};
+
+}  // namespace saltus::server

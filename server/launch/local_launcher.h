@@ -1,0 +1,65 @@
+#pragma once
+
+#include "server/jobs/launcher.h"
+
+#include <sys/types.h>
+
+#include <filesystem>
+#include <map>
+#include <memory>
+#include <mutex>
+#include <string>
+#include <thread>
+
+namespace saltus::server {
+
+struct LocalLauncherSettings {
+  std::filesystem::path worker;  ///< the program
+  std::string server_address;    ///< where workers find the daemon
+  std::filesystem::path run;     ///< for token files
+  std::filesystem::path logs;    ///< for what workers print
+  std::int64_t max_log_bytes = 1 << 20;
+};
+
+/// Workers as processes on this machine, each in a process group of its own that is ended with it. The token goes
+/// through a file that only the owner can read: arguments and environment are visible to others. What a worker prints
+/// goes to a file that is emptied when it grows too long, and removed when the worker ends well.
+///
+/// A worker outlives the launcher, so that a restarted daemon can adopt it.
+class LocalLauncher final : public Launcher {
+ public:
+  explicit LocalLauncher(LocalLauncherSettings settings);
+  ~LocalLauncher() override;
+
+  void on_exit(ExitHandler handler) override;
+  std::string start(const LaunchRequest& request) override;
+  bool adopt(const AttemptKey& key, const std::string& process) override;
+  void terminate(const AttemptKey& key) override;
+  void kill(const AttemptKey& key) override;
+  bool is_idle() const override;
+
+  /// To be set before the first start: a port is only known after listening.
+  void set_server_address(const std::string& address);
+  /// Removes the token files of workers that are neither started nor adopted.
+  void remove_stale_tokens();
+
+ private:
+  struct Worker;
+  void watch();
+  void wake();
+  void reap(const AttemptKey& key, Worker& worker);
+  void signal(const AttemptKey& key, int number);
+  void limit_logs();
+  std::filesystem::path token_file(const AttemptKey& key) const;
+  std::filesystem::path log_file(const AttemptKey& key) const;
+
+  LocalLauncherSettings settings_;
+  ExitHandler handler_;
+  mutable std::mutex mutex_;
+  std::map<AttemptKey, std::shared_ptr<Worker>> workers_;
+  bool is_closing_ = false;
+  int wake_descriptor_ = -1;
+  std::thread thread_;
+};
+
+}  // namespace saltus::server

@@ -1,0 +1,109 @@
+#include "core/support/errors.h"
+#include "server/config/config.h"
+#include "server/daemon.h"
+#include "server/rpc/limits.h"
+#include "server/rpc/status_map.h"
+
+#include <spdlog/sinks/stdout_sinks.h>
+#include <spdlog/spdlog.h>
+
+#include <poll.h>
+#include <signal.h>
+#include <sys/eventfd.h>
+#include <sys/signalfd.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include <atomic>
+#include <cerrno>
+#include <cstdio>
+#include <exception>
+
+namespace {
+
+using namespace saltus;
+using namespace saltus::server;
+
+constexpr int kFailed = 1;
+constexpr int kUsage = 2;
+
+/// Signals are read from a descriptor; to be called before any thread is made, so that none takes them.
+int take_signals() {
+  sigset_t signals;
+  sigemptyset(&signals);
+  sigaddset(&signals, SIGTERM);
+  sigaddset(&signals, SIGINT);
+  sigaddset(&signals, SIGHUP);
+  sigprocmask(SIG_BLOCK, &signals, nullptr);
+  signal(SIGPIPE, SIG_IGN);
+  return signalfd(-1, &signals, SFD_CLOEXEC);
+}
+
+/// Discards input. False when it has ended.
+bool stdin_is_open() {
+  char bytes[256];
+  const ssize_t count = ::read(STDIN_FILENO, bytes, sizeof bytes);
+  return count > 0 || (count < 0 && (errno == EINTR || errno == EAGAIN));
+}
+
+void wait_for_end(int signals, int broken, bool watch_stdin) {
+  pollfd polled[] = {{signals, POLLIN, 0}, {broken, POLLIN, 0}, {watch_stdin ? STDIN_FILENO : -1, POLLIN, 0}};
+  while (true) {
+    if (::poll(polled, 3, -1) < 0) continue;
+    if (polled[0].revents) return spdlog::info("asked to stop by a signal");
+    if (polled[1].revents) return;
+    if (polled[2].revents && !stdin_is_open()) return spdlog::info("standard input has ended");
+  }
+}
+
+DaemonSettings settings_of(const Config& config) {
+  DaemonSettings settings;
+  settings.data = config.data;
+  settings.listen = config.listen;
+  settings.worker = config.worker;
+  settings.version = SALTUS_VERSION;
+  settings.jobs.slots = config.slots;
+  settings.jobs.default_threads = config.threads_per_job;
+  settings.jobs.lease = config.lease;
+  settings.jobs.heartbeat_interval = std::min<std::chrono::milliseconds>(std::chrono::milliseconds(500), config.lease / 4);
+  settings.jobs.queue.max_queued = limits::kQueuedJobs;
+  return settings;
+}
+
+int serve(const Config& config, int signals) {
+  const int broken = eventfd(0, EFD_CLOEXEC);
+  std::atomic<bool> is_broken{false};
+  Daemon daemon(settings_of(config), [&](const std::string& reason) {
+    spdlog::critical("the database has failed: {}", reason);
+    is_broken = true;
+    eventfd_write(broken, 1);
+  });
+  spdlog::info("saltusd {} serves {} with {} slots", SALTUS_VERSION, daemon.address(), config.slots);
+  std::printf("listening on %s\n", daemon.address().c_str());
+  std::fflush(stdout);
+  wait_for_end(signals, broken, config.exit_on_stdin_close);
+  daemon.stop();
+  spdlog::info("stopped");
+  return is_broken ? kFailed : 0;
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  spdlog::set_default_logger(spdlog::stderr_logger_mt("saltusd"));
+  set_fault_log([](const std::string& line) { spdlog::error("{}", line); });
+  const int signals = take_signals();
+  ::umask(0077);
+  try {
+    const ParsedConfig parsed = parse_config(argc, argv);
+    if (parsed.has_ended) return parsed.exit_code;
+    spdlog::set_level(spdlog::level::from_str(parsed.config.log_level));
+    return serve(parsed.config, signals);
+  } catch (const InvalidInput& error) {
+    std::fprintf(stderr, "saltusd: %s\n", error.what());
+    return kUsage;
+  } catch (const std::exception& error) {
+    std::fprintf(stderr, "saltusd: %s\n", error.what());
+    return kFailed;
+  }
+}

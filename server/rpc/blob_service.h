@@ -1,0 +1,29 @@
+#pragma once
+
+#include "server/jobs/blob_catalog.h"
+#include "server/rpc/stream_gate.h"
+#include "server/rpc/task_pool.h"
+
+#include "saltus/v1/registration.grpc.pb.h"
+
+namespace saltus::server {
+
+/// Uploads and downloads. Never blocks a callback thread; each stream has one message in memory.
+class BlobServiceImpl final : public v1::BlobService::CallbackService {
+ public:
+  BlobServiceImpl(BlobCatalog& blobs, TaskPool& pool);
+
+  grpc::ServerUnaryReactor* FindMissingBlobs(grpc::CallbackServerContext*, const v1::FindMissingBlobsRequest*,
+                                             v1::FindMissingBlobsResponse*) override;
+  grpc::ServerReadReactor<v1::WriteBlobRequest>* WriteBlob(grpc::CallbackServerContext*, v1::WriteBlobResponse*) override;
+  grpc::ServerWriteReactor<v1::ReadBlobResponse>* ReadBlob(grpc::CallbackServerContext*,
+                                                           const v1::ReadBlobRequest*) override;
+
+ private:
+  BlobCatalog& blobs_;
+  TaskPool& pool_;
+  StreamGate uploads_;
+  StreamGate downloads_;
+};
+
+}  // namespace saltus::server

@@ -1,0 +1,35 @@
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+
+/// The numbers that a client may run into. ServerInfo reports those that it can act upon.
+namespace saltus::server::limits {
+
+constexpr int kMessageBytes = 4 << 20;
+constexpr std::size_t kUploadChunkBytes = 2 << 20;      // above it throughput falls and memory per stream grows
+constexpr std::size_t kDownloadChunkBytes = 256 << 10;
+constexpr std::int64_t kBlobBytes = std::int64_t{8} << 30;
+constexpr std::int64_t kVoxels = std::int64_t{1} << 31;
+
+constexpr int kQueuedJobs = 10000;
+constexpr int kDefaultPage = 50;
+constexpr int kLargestPage = 1000;
+constexpr int kDigestsPerCall = 1000;
+
+constexpr int kWatchStreams = 256;
+constexpr int kUploadStreams = 16;
+constexpr int kDownloadStreams = 32;
+
+constexpr std::size_t kRequestIdBytes = 36;
+constexpr std::size_t kStringBytes = 4096;
+constexpr int kLabels = 32;
+constexpr std::size_t kLabelNameBytes = 63;
+constexpr std::size_t kLabelValueBytes = 256;
+constexpr int kSettings = 256;
+constexpr int kArtifacts = 64;
+constexpr int kThreads = 256;
+
+constexpr int kMinPingIntervalMilliseconds = 10000;
+
+}  // namespace saltus::server::limits

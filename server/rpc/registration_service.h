@@ -1,0 +1,37 @@
+#pragma once
+
+#include "server/jobs/id_source.h"
+#include "server/jobs/job_manager.h"
+#include "server/rpc/stream_gate.h"
+#include "server/rpc/task_pool.h"
+
+#include "saltus/v1/registration.grpc.pb.h"
+
+namespace saltus::server {
+
+/// Translates between clients and the job manager. Never blocks a callback thread.
+class RegistrationServiceImpl final : public v1::RegistrationService::CallbackService {
+ public:
+  RegistrationServiceImpl(JobManager& jobs, const IdSource& ids, TaskPool& pool);
+
+  grpc::ServerUnaryReactor* CreateRegistrationJob(grpc::CallbackServerContext*, const v1::CreateRegistrationJobRequest*,
+                                                  v1::RegistrationJob*) override;
+  grpc::ServerUnaryReactor* GetRegistrationJob(grpc::CallbackServerContext*, const v1::GetRegistrationJobRequest*,
+                                               v1::RegistrationJob*) override;
+  grpc::ServerUnaryReactor* ListRegistrationJobs(grpc::CallbackServerContext*, const v1::ListRegistrationJobsRequest*,
+                                                 v1::ListRegistrationJobsResponse*) override;
+  grpc::ServerUnaryReactor* CancelRegistrationJob(grpc::CallbackServerContext*, const v1::CancelRegistrationJobRequest*,
+                                                  v1::RegistrationJob*) override;
+  grpc::ServerUnaryReactor* DeleteRegistrationJob(grpc::CallbackServerContext*, const v1::DeleteRegistrationJobRequest*,
+                                                  v1::DeleteRegistrationJobResponse*) override;
+  grpc::ServerWriteReactor<v1::WatchRegistrationJobResponse>* WatchRegistrationJob(
+      grpc::CallbackServerContext*, const v1::WatchRegistrationJobRequest*) override;
+
+ private:
+  JobManager& jobs_;
+  const IdSource& ids_;
+  TaskPool& pool_;
+  StreamGate watchers_;
+};
+
+}  // namespace saltus::server

@@ -1,0 +1,30 @@
+#include "server/rpc/server_info_service.h"
+
+#include "core/registration/options.h"
+#include "server/rpc/limits.h"
+#include "server/rpc/unary_call.h"
+#include "server/rpc/validate_request.h"
+
+namespace saltus::server {
+
+grpc::ServerUnaryReactor* ServerInfoServiceImpl::GetServerInfo(grpc::CallbackServerContext* context,
+                                                               const v1::GetServerInfoRequest*, v1::ServerInfo* info) {
+  return answer_now(context, [&] {
+    info->set_version(version_);
+    for (const Model model : {Model::Gaussian, Model::Wendland, Model::Wendland1, Model::Sliding})
+      info->add_models(to_string(model));
+    for (const SimilarityType similarity : {SimilarityType::Ssd, SimilarityType::Lncc})
+      info->add_similarities(to_string(similarity));
+    for (const Preset preset : {Preset::Fast, Preset::Balanced, Preset::Accurate}) info->add_presets(to_string(preset));
+    for (const std::string& format : image_formats()) info->add_formats(format);
+    info->set_max_blob_bytes(limits::kBlobBytes);
+    info->set_max_message_bytes(limits::kMessageBytes);
+    info->set_max_voxels(limits::kVoxels);
+    info->set_max_queued_jobs(limits::kQueuedJobs);
+    info->set_queued_jobs(jobs_.queued_jobs());
+    info->set_running_jobs(jobs_.running_jobs());
+    info->set_worker_slots(jobs_.slots());
+  });
+}
+
+}  // namespace saltus::server

@@ -1,0 +1,16 @@
+#pragma once
+
+#include "server/jobs/blob_catalog.h"
+#include "server/rpc/stream_gate.h"
+#include "server/rpc/task_pool.h"
+
+#include "saltus/v1/registration.grpc.pb.h"
+
+namespace saltus::server {
+
+/// Receives one blob. The next message is read when the one before is on disk; the answer comes when all is durable.
+grpc::ServerReadReactor<v1::WriteBlobRequest>* receive_blob(BlobCatalog& blobs, TaskPool& pool, StreamGate& gate,
+                                                            grpc::CallbackServerContext& context,
+                                                            v1::WriteBlobResponse& response);
+
+}  // namespace saltus::server

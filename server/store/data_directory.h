@@ -1,0 +1,30 @@
+#pragma once
+
+#include <filesystem>
+
+namespace saltus::server {
+
+/// The daemon's folder, held by one daemon at a time. Its files are for the owner only when the umask is 0077.
+///
+///     saltusd.db   blobs/sha256/ab/cdef...   uploads/*.part   run/*.token   logs/*.log   lock
+class DataDirectory {
+ public:
+  /// Makes what is missing, takes the lock and removes what interrupted uploads left. Throws std::runtime_error when
+  /// another daemon holds the folder or it cannot be written.
+  explicit DataDirectory(std::filesystem::path root);
+  ~DataDirectory();
+  DataDirectory(const DataDirectory&) = delete;
+  DataDirectory& operator=(const DataDirectory&) = delete;
+
+  std::filesystem::path database() const { return root_ / "saltusd.db"; }
+  std::filesystem::path blobs() const { return root_ / "blobs" / "sha256"; }
+  std::filesystem::path uploads() const { return root_ / "uploads"; }
+  std::filesystem::path run() const { return root_ / "run"; }
+  std::filesystem::path logs() const { return root_ / "logs"; }
+
+ private:
+  std::filesystem::path root_;
+  int lock_ = -1;
+};
+
+}  // namespace saltus::server

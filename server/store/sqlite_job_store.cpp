@@ -1,0 +1,145 @@
+#include "server/store/sqlite_job_store.h"
+
+#include "server/jobs/refusal.h"
+#include "server/store/schema.h"
+#include "server/store/sqlite_job_table.h"
+
+#include <sqlite3.h>
+
+namespace saltus::server {
+namespace {
+
+// Keeps the latency of the first of a long queue bounded.
+constexpr std::size_t kLargestGroup = 128;
+
+Refusal storage_full() {
+  return {RefusalKind::Exhausted, "STORAGE_FULL", "the daemon's disk is full; free some space or delete old jobs"};
+}
+
+Refusal unavailable() {
+  return {RefusalKind::Unavailable, "STORE_UNAVAILABLE",
+          "the daemon's database has failed and it is shutting down; see its log and restart it"};
+}
+
+}  // namespace
+
+SqliteJobStore::SqliteJobStore(std::filesystem::path file, std::function<void(const std::string&)> on_broken)
+    : file_(std::move(file)), on_broken_(std::move(on_broken)), writer_(file_, Database::Access::ReadWrite) {
+  prepare_schema(writer_);
+  thread_ = std::thread([this] { run(); });
+}
+
+SqliteJobStore::~SqliteJobStore() {
+  {
+    std::lock_guard lock(mutex_);
+    is_closing_ = true;
+  }
+  has_work_.notify_one();
+  thread_.join();
+}
+
+void SqliteJobStore::write(Operation operation, Done done) {
+  {
+    std::lock_guard lock(mutex_);
+    waiting_.push_back({std::move(operation), std::move(done), nullptr});
+  }
+  has_work_.notify_one();
+}
+
+void SqliteJobStore::run() {
+  while (true) {
+    std::vector<Write> group;
+    {
+      std::unique_lock lock(mutex_);
+      has_work_.wait(lock, [this] { return is_closing_ || !waiting_.empty(); });
+      if (waiting_.empty()) return;
+      const std::size_t count = std::min(waiting_.size(), kLargestGroup);
+      const auto end = waiting_.begin() + static_cast<std::ptrdiff_t>(count);
+      group.assign(std::make_move_iterator(waiting_.begin()), std::make_move_iterator(end));
+      waiting_.erase(waiting_.begin(), end);
+    }
+    commit(group);
+    for (Write& write : group) write.done(write.error);
+  }
+}
+
+void SqliteJobStore::run_one(Write& write) {
+  writer_.execute("SAVEPOINT one");
+  try {
+    SqliteJobTable table(writer_);
+    write.operation(table);
+  } catch (const DatabaseError& error) {
+    // Anything but a broken constraint may have ended the transaction of the whole group.
+    if (error.code() != SQLITE_CONSTRAINT) throw;
+    write.error = std::current_exception();
+    writer_.execute("ROLLBACK TO one");
+  } catch (...) {
+    write.error = std::current_exception();
+    writer_.execute("ROLLBACK TO one");
+  }
+  writer_.execute("RELEASE one");
+}
+
+void SqliteJobStore::commit(std::vector<Write>& group) {
+  const auto fail_all = [&](const Refusal& refusal) {
+    for (Write& write : group)
+      if (!write.error) write.error = std::make_exception_ptr(refusal);
+  };
+  if (is_broken_) return fail_all(unavailable());
+  try {
+    writer_.execute("BEGIN IMMEDIATE");
+    for (Write& write : group) run_one(write);
+    writer_.execute("COMMIT");
+  } catch (const DatabaseError& error) {
+    const bool is_full = error.code() == SQLITE_FULL;
+    std::string reason = error.what();
+    try {
+      if (writer_.is_in_transaction()) writer_.execute("ROLLBACK");
+    } catch (const DatabaseError& again) {
+      reason += "; and then " + std::string(again.what());
+      is_broken_ = true;
+    }
+    if (is_full && !is_broken_) return fail_all(storage_full());
+    is_broken_ = true;
+    fail_all(unavailable());
+    on_broken_(reason);
+  }
+}
+
+std::unique_ptr<Database> SqliteJobStore::take_reader() {
+  {
+    std::lock_guard lock(readers_mutex_);
+    if (!readers_.empty()) {
+      auto reader = std::move(readers_.back());
+      readers_.pop_back();
+      return reader;
+    }
+  }
+  return std::make_unique<Database>(file_, Database::Access::ReadOnly);
+}
+
+void SqliteJobStore::read(const std::function<void(JobReader&)>& operation) {
+  auto reader = take_reader();
+  reader->execute("BEGIN");
+  std::exception_ptr refusal;
+  try {
+    SqliteJobTable table(*reader);
+    operation(table);
+  } catch (const Refusal&) {
+    refusal = std::current_exception();
+  }
+  // After any other exception the connection is closed, and its transaction with it.
+  reader->execute("COMMIT");
+  {
+    std::lock_guard lock(readers_mutex_);
+    readers_.push_back(std::move(reader));
+  }
+  if (refusal) std::rethrow_exception(refusal);
+}
+
+std::vector<std::string> SqliteJobStore::blobs() {
+  auto reader = take_reader();
+  return SqliteJobTable(*reader).blobs();
+}
+
+}  // namespace saltus::server

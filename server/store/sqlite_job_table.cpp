@@ -1,0 +1,210 @@
+#include "server/store/sqlite_job_table.h"
+
+namespace saltus::server {
+namespace {
+
+#define SALTUS_JOB_COLUMNS                                                                                            \
+  "SELECT sequence, revision, id, request_id, request_hash, spec, threads, state, attempt, lost_attempts, crashes, " \
+  "token_hash, process, created, started, ended, failure_reason, failure_message FROM job "
+
+std::int64_t milliseconds(WallTime time) { return time.time_since_epoch().count(); }
+WallTime wall_time(std::int64_t value) { return WallTime(std::chrono::milliseconds(value)); }
+
+std::optional<std::int64_t> milliseconds(const std::optional<WallTime>& time) {
+  return time ? std::optional(milliseconds(*time)) : std::nullopt;
+}
+
+std::optional<WallTime> optional_time(Query& query) {
+  const bool is_null = query.is_null();
+  const std::int64_t value = query.integer();
+  return is_null ? std::nullopt : std::optional(wall_time(value));
+}
+
+std::int64_t number(JobState state) { return static_cast<std::int64_t>(state); }
+
+}  // namespace
+
+JobRecord SqliteJobTable::record(Query& query) {
+  JobRecord job;
+  job.sequence = query.integer();
+  job.revision = query.integer();
+  job.id = query.text();
+  job.request_id = query.text();
+  job.request_hash = query.text();
+  job.spec = query.text();
+  job.threads = static_cast<int>(query.integer());
+  job.state = static_cast<JobState>(query.integer());
+  job.attempt = static_cast<int>(query.integer());
+  job.lost_attempts = static_cast<int>(query.integer());
+  job.crashes = static_cast<int>(query.integer());
+  job.token_hash = query.text();
+  job.process = query.text();
+  job.created = wall_time(query.integer());
+  job.started = optional_time(query);
+  job.ended = optional_time(query);
+  const bool has_failure = !query.is_null();
+  const std::string reason = query.text();
+  const std::string message = query.text();
+  if (has_failure) job.failure = {reason, message};
+  return job;
+}
+
+void SqliteJobTable::read_lists(JobRecord& job) {
+  Query labels = database_.query("SELECT name, value FROM label WHERE job = ?");
+  labels.bind(job.sequence);
+  while (labels.step()) {
+    const std::string name = labels.text();
+    job.labels[name] = labels.text();
+  }
+  Query inputs = database_.query("SELECT digest FROM input WHERE job = ? ORDER BY digest");
+  inputs.bind(job.sequence);
+  while (inputs.step()) job.inputs.push_back(inputs.text());
+  Query artifacts = database_.query("SELECT name, digest, size FROM artifact WHERE job = ? ORDER BY position");
+  artifacts.bind(job.sequence);
+  while (artifacts.step()) {
+    Artifact artifact;
+    artifact.name = artifacts.text();
+    artifact.digest = artifacts.text();
+    artifact.size = artifacts.integer();
+    job.artifacts.push_back(std::move(artifact));
+  }
+}
+
+std::optional<JobRecord> SqliteJobTable::first(Query& query) {
+  if (!query.step()) return std::nullopt;
+  JobRecord job = record(query);
+  read_lists(job);
+  return job;
+}
+
+std::optional<JobRecord> SqliteJobTable::find(const std::string& id) {
+  Query query = database_.query(SALTUS_JOB_COLUMNS "WHERE id = ?");
+  query.bind(id);
+  return first(query);
+}
+
+std::optional<JobRecord> SqliteJobTable::find_request(const std::string& request_id) {
+  Query query = database_.query(SALTUS_JOB_COLUMNS "WHERE request_id = ?");
+  query.bind(request_id);
+  return first(query);
+}
+
+std::optional<JobRecord> SqliteJobTable::next_queued() {
+  Query query = database_.query(SALTUS_JOB_COLUMNS "WHERE state = ? ORDER BY sequence LIMIT 1");
+  query.bind(number(JobState::Queued));
+  return first(query);
+}
+
+std::vector<JobRecord> SqliteJobTable::list(std::optional<JobState> state, std::int64_t before, int limit) {
+  std::vector<JobRecord> jobs;
+  const auto collect = [&](Query& query) {
+    query.bind(before).bind(limit);
+    while (query.step()) jobs.push_back(record(query));
+  };
+  if (state) {
+    Query query = database_.query(SALTUS_JOB_COLUMNS "WHERE state = ? AND sequence < ? ORDER BY sequence DESC LIMIT ?");
+    query.bind(number(*state));
+    collect(query);
+  } else {
+    Query query = database_.query(SALTUS_JOB_COLUMNS "WHERE sequence < ? ORDER BY sequence DESC LIMIT ?");
+    collect(query);
+  }
+  for (JobRecord& job : jobs) read_lists(job);
+  return jobs;
+}
+
+std::vector<std::int64_t> SqliteJobTable::queued_up_to(std::int64_t last) {
+  Query query = database_.query("SELECT sequence FROM job WHERE state = ? AND sequence <= ? ORDER BY sequence");
+  query.bind(number(JobState::Queued)).bind(last);
+  std::vector<std::int64_t> sequences;
+  while (query.step()) sequences.push_back(query.integer());
+  return sequences;
+}
+
+int SqliteJobTable::count(JobState state) {
+  Query query = database_.query("SELECT count(*) FROM job WHERE state = ?");
+  query.bind(number(state));
+  query.step();
+  return static_cast<int>(query.integer());
+}
+
+std::optional<std::int64_t> SqliteJobTable::blob_size(const std::string& digest) {
+  Query query = database_.query("SELECT size FROM blob WHERE digest = ?");
+  query.bind(digest);
+  if (!query.step()) return std::nullopt;
+  return query.integer();
+}
+
+void SqliteJobTable::insert(JobRecord& job) {
+  job.revision = 1;
+  Query query = database_.query(
+      "INSERT INTO job (revision, id, request_id, request_hash, spec, threads, state, attempt, lost_attempts, crashes, "
+      "token_hash, process, created) VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?) RETURNING sequence");
+  query.bind(job.revision).bind(job.id);
+  job.request_id.empty() ? query.bind_null() : query.bind(job.request_id);
+  query.bind(job.request_hash).bind_blob(job.spec).bind(job.threads).bind(number(job.state)).bind(job.attempt);
+  query.bind(job.lost_attempts).bind(job.crashes).bind(job.token_hash).bind(job.process);
+  query.bind(milliseconds(job.created));
+  query.step();
+  job.sequence = query.integer();
+  query.run();
+  for (const auto& [name, value] : job.labels)
+    database_.query("INSERT INTO label (job, name, value) VALUES (?, ?, ?)").bind(job.sequence).bind(name).bind(value).run();
+  for (const std::string& digest : job.inputs)
+    database_.query("INSERT OR IGNORE INTO input (job, digest) VALUES (?, ?)").bind(job.sequence).bind(digest).run();
+}
+
+void SqliteJobTable::update(JobRecord& job) {
+  ++job.revision;
+  Query query = database_.query(
+      "UPDATE job SET revision = ?, state = ?, attempt = ?, lost_attempts = ?, crashes = ?, token_hash = ?, process = ?, "
+      "started = ?, ended = ?, failure_reason = ?, failure_message = ? WHERE sequence = ?");
+  query.bind(job.revision).bind(number(job.state)).bind(job.attempt).bind(job.lost_attempts).bind(job.crashes);
+  query.bind(job.token_hash).bind(job.process);
+  query.bind_optional(milliseconds(job.started)).bind_optional(milliseconds(job.ended));
+  if (job.failure)
+    query.bind(job.failure->reason).bind(job.failure->message);
+  else
+    query.bind_null().bind_null();
+  query.bind(job.sequence).run();
+  database_.query("DELETE FROM artifact WHERE job = ?").bind(job.sequence).run();
+  std::int64_t position = 0;
+  for (const Artifact& artifact : job.artifacts)
+    database_.query("INSERT INTO artifact (job, position, name, digest, size) VALUES (?, ?, ?, ?, ?)")
+        .bind(job.sequence)
+        .bind(position++)
+        .bind(artifact.name)
+        .bind(artifact.digest)
+        .bind(artifact.size)
+        .run();
+}
+
+void SqliteJobTable::erase(const std::string& id) {
+  database_.query("DELETE FROM job WHERE id = ?").bind(id).run();
+}
+
+void SqliteJobTable::insert_blob(const std::string& digest, std::int64_t size, WallTime now) {
+  database_.query("INSERT OR IGNORE INTO blob (digest, size, created) VALUES (?, ?, ?)")
+      .bind(digest)
+      .bind(size)
+      .bind(milliseconds(now))
+      .run();
+}
+
+bool SqliteJobTable::erase_blob_if_unreferenced(const std::string& digest) {
+  database_
+      .query("DELETE FROM blob WHERE digest = ?1 AND NOT EXISTS (SELECT 1 FROM input WHERE digest = ?1) "
+             "AND NOT EXISTS (SELECT 1 FROM artifact WHERE digest = ?1)")
+      .bind(digest)
+      .run();
+  return database_.changes() > 0;
+}
+
+std::vector<std::string> SqliteJobTable::blobs() {
+  Query query = database_.query("SELECT digest FROM blob");
+  std::vector<std::string> digests;
+  while (query.step()) digests.push_back(query.text());
+  return digests;
+}
+
+}  // namespace saltus::server

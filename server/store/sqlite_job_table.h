@@ -1,0 +1,37 @@
+#pragma once
+
+#include "server/jobs/job_store.h"
+#include "server/store/database.h"
+
+namespace saltus::server {
+
+/// The rows of one connection, inside a transaction that the owner of the connection has begun.
+class SqliteJobTable final : public JobTable {
+ public:
+  explicit SqliteJobTable(Database& database) : database_(database) {}
+
+  std::optional<JobRecord> find(const std::string& id) override;
+  std::vector<JobRecord> list(std::optional<JobState> state, std::int64_t before, int limit) override;
+  std::vector<std::int64_t> queued_up_to(std::int64_t last) override;
+  int count(JobState state) override;
+  std::optional<std::int64_t> blob_size(const std::string& digest) override;
+
+  std::optional<JobRecord> find_request(const std::string& request_id) override;
+  std::optional<JobRecord> next_queued() override;
+  void insert(JobRecord& job) override;
+  void update(JobRecord& job) override;
+  void erase(const std::string& id) override;
+  void insert_blob(const std::string& digest, std::int64_t size, WallTime now) override;
+  bool erase_blob_if_unreferenced(const std::string& digest) override;
+
+  /// Digests of all blobs.
+  std::vector<std::string> blobs();
+
+ private:
+  std::optional<JobRecord> first(Query& query);
+  JobRecord record(Query& query);
+  void read_lists(JobRecord& job);
+  Database& database_;
+};
+
+}  // namespace saltus::server
