@@ -14,6 +14,7 @@
 
 #include "core/image_io/nifti_header.h"
 #include "core/image_io/nrrd_header.h"
+#include "core/image_io/payload_check.h"
 #include "core/image_io/temporary_file.h"
 #include "core/support/errors.h"
 
@@ -60,7 +61,18 @@ struct OpenedImage {
   itk::ImageIOBase::Pointer io;
   ImageFileHeader header;
   std::size_t voxels = 0;
+  std::uintmax_t data_offset = 0;  ///< where the voxels begin, in the decompressed .nii.gz; 0: ITK looks after itself
+  bool is_compressed_meta = false;
 };
+
+/// The byte after the header of a MetaImage.
+std::uintmax_t end_of_meta_header(const std::filesystem::path& path) {
+  std::ifstream file(path, std::ios::binary);
+  for (std::string line; std::getline(file, line);) {
+    if (line.starts_with("ElementDataFile")) return file.tellg();
+  }
+  refuse(path, "its header has no line ElementDataFile");
+}
 
 std::string dimension_text(const itk::ImageIOBase& io) {
   std::string text;
@@ -84,8 +96,11 @@ OpenedImage open_image(const std::filesystem::path& path) {
   bool is_raw = format == ImageFormat::Nifti;
   if (format == ImageFormat::Nrrd) is_raw = read_nrrd_header(path).is_raw;
   int nifti_dimension = 0;
-  if (format == ImageFormat::Nifti || format == ImageFormat::CompressedNifti)
-    nifti_dimension = read_nifti_header(path).dimension;
+  if (format == ImageFormat::Nifti || format == ImageFormat::CompressedNifti) {
+    const NiftiHeader nifti = read_nifti_header(path);
+    nifti_dimension = nifti.dimension;
+    image.data_offset = nifti.data_offset;
+  }
 
   image.io = make_image_io(format);
   if (!image.io->CanReadFile(path.c_str())) refuse(path, "its content is not what its name promises");
@@ -97,6 +112,8 @@ OpenedImage open_image(const std::filesystem::path& path) {
     if (data_file != "LOCAL" && data_file != "Local" && data_file != "local")
       refuse(path, "its voxels are in another file; save header and voxels in one .mha file");
     is_raw = meta->BinaryData() && !meta->CompressedData();
+    image.is_compressed_meta = meta->CompressedData();
+    image.data_offset = end_of_meta_header(path);
   }
 
   const int io_dimension = image.io->GetNumberOfDimensions();
@@ -135,7 +152,8 @@ OpenedImage open_image(const std::filesystem::path& path) {
     refuse(path, "it has " + std::to_string(header.components) + " components a voxel");
 
   // Deflate cannot make anything smaller than by a factor of 1032.
-  const std::uintmax_t most_bytes = is_raw ? file_size : 1032 * file_size;
+  const std::uintmax_t stored = file_size - (is_raw ? std::min(image.data_offset, file_size) : 0);
+  const std::uintmax_t most_bytes = is_raw ? stored : 1032 * stored;
   if (image.voxels * header.components > most_bytes / image.io->GetComponentSize())
     refuse(path, "its header promises " + dimension_text(*image.io) + " voxels, more than its " +
                      std::to_string(file_size) + " bytes can hold; it is cut off or damaged");
@@ -276,6 +294,10 @@ ImageFileHeader read_image_header(const std::filesystem::path& path) {
 ImageFile read_image_file(const std::filesystem::path& path) {
   try {
     const OpenedImage opened = open_image(path);
+    const std::uintmax_t bytes = opened.voxels * opened.header.components * opened.io->GetComponentSize();
+    if (opened.is_compressed_meta) check_compressed_payload(path, opened.data_offset, bytes);
+    if (format_from_suffix(path) == ImageFormat::CompressedNifti)
+      check_compressed_payload(path, 0, opened.data_offset + bytes);
     ImageFile image{opened.header, std::vector<float>(opened.voxels * opened.header.components)};
     opened.io->SetIORegion(whole(*opened.io));
     read_any_samples(*opened.io, image.samples);

@@ -4,6 +4,7 @@
 #include <zlib.h>
 
 #include <array>
+#include <bit>
 #include <cmath>
 #include <cstdint>
 #include <cstring>
@@ -49,7 +50,14 @@ NiftiHeader read_nifti_header(const std::filesystem::path& path) {
   }
   if (dim[0] < 1 || dim[0] > 7) refuse("the header has " + std::to_string(dim[0]) + " dimensions");
 
+  std::uint32_t offset_bits = 0;
+  std::memcpy(&offset_bits, header.data() + 108, sizeof offset_bits);
+  if (is_swapped) offset_bits = __builtin_bswap32(offset_bits);
+  const float data_offset = std::bit_cast<float>(offset_bits);
+
   NiftiHeader result;
+  // The library reads from byte 348 when a header gives less.
+  result.data_offset = data_offset > 348 && data_offset < 1e9 ? static_cast<std::size_t>(data_offset) : 348;
   // dim[5] is the number of components; dim[3] is 1 in a 2-D field, where its two components tell it from a slice.
   if (dim[0] >= 5) result.components = dim[5];
   for (int axis = 6; axis <= dim[0]; ++axis) {

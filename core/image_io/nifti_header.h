@@ -7,8 +7,9 @@ namespace saltus {
 
 /// What a NIfTI-1 header says and ITK's reader does not pass on.
 struct NiftiHeader {
-  int dimension = 0;   ///< of space, 2 or 3 (4 or more: time or the like has more than one value)
-  int components = 1;  ///< values a voxel
+  int dimension = 0;            ///< of space, 2 or 3 (4 or more: time or the like has more than one value)
+  int components = 1;           ///< values a voxel
+  std::size_t data_offset = 0;  ///< byte at which the voxels begin
 };
 
 /// Where the voxels are, in LPS millimetres.
