@@ -198,8 +198,9 @@ class AffineSearch {
     optimiser->SetScalesEstimator(scales);
     optimiser->SetDoEstimateLearningRateOnce(true);
     optimiser->SetNumberOfIterations(200);
-    optimiser->SetRelaxationFactor(0.6);
-    optimiser->SetMinimumStepLength(1e-4);
+    optimiser->SetRelaxationFactor(0.8);
+    optimiser->SetMinimumStepLength(1e-3);
+    optimiser->SetGradientMagnitudeTolerance(1e-8);
 
     const auto method = Method::New();
     method->SetFixedImage(fixed_);
@@ -214,7 +215,7 @@ class AffineSearch {
     typename Method::MetricSamplingPercentageArrayType shares(levels);
     for (int level = 0; level < levels; ++level) {
       const double spacing = std::ldexp(finest_spacing(fixed_grid_), levels - 1 - level);
-      sigmas[level] = 0.5 * spacing;
+      sigmas[level] = 0.35 * spacing;
       typename Method::ShrinkFactorsPerDimensionContainerType factors;
       double samples = 1;
       const Index<Dim> wanted = shrink_factors(fixed_grid_, spacing);

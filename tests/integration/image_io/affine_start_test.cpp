@@ -137,7 +137,8 @@ Scene<Dim> make_scene(AffineKind kind, const Matrix<Dim>& fixed_direction, doubl
   return scene;
 }
 
-/// The texture's finest blobs have a width of 3 mm, voxels are up to 3.5 mm: a fifth of a voxel in 3-D, in 2-D of 1 mm.
+/// At the corners of a cube of 50 mm. The maximum of the mutual information of interpolated images itself lies up to
+/// 0.35 mm from the truth for affine maps, with voxels of 2 x 2 x 3.5 mm; in 2-D 0.18 mm, with pixels of 1 x 1.3 mm.
 template <int Dim>
 constexpr double tolerance_mm = Dim == 3 ? 0.5 : 0.25;
 
