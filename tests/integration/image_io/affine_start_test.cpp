@@ -186,20 +186,17 @@ TEST(AffineStart, ImagesThatDoNotMeetAreBroughtTogether) {
 
 TEST(AffineStart, MasksHideWhatMovesDifferently) {
   auto scene = make_scene<2>(AffineKind::Rigid, turn<2>(0));
-  // A bright bar in both images that stays where it is, and pulls the map towards the identity.
-  auto add_bar = [&scene](Volume<2>& image, Volume<2>& mask) {
-    const auto bar = sampled<2>(image.grid, [&](const Vector<2>& x) { return std::abs(x[0] - scene.centre[0]) < 8; });
-    for (std::size_t i = 0; i < bar.samples.size(); ++i) {
-      if (bar.samples[i] != 0) image.samples[i] = 700;
-      mask.samples[i] = bar.samples[i] == 0;
-    }
-  };
-  Volume<2> fixed_mask(scene.fixed.grid), moving_mask(scene.moving.grid);
-  add_bar(scene.fixed, fixed_mask);
-  add_bar(scene.moving, moving_mask);
+  // Three fifths of the body stay where they are; without masks they decide.
+  const Texture<2> texture(scene.centre);
+  const double border = scene.centre[1] + 8;
+  scene.fixed = sampled<2>(scene.fixed.grid,
+                           [&](const Vector<2>& x) { return x[1] < border ? texture(x) : texture(scene.truth(x)); });
+  const auto fixed_mask = sampled<2>(scene.fixed.grid, [&](const Vector<2>& x) { return x[1] >= border; });
+  const auto moving_mask = sampled<2>(scene.moving.grid, [&](const Vector<2>& x) { return x[1] >= border - 15; });
   const auto without = find_affine_start(scene.fixed, scene.moving, AffineKind::Rigid, 2);
-  EXPECT_GT(largest_error(without, scene.truth, scene.centre), 2.0);
+  EXPECT_GT(largest_error(without, scene.truth, scene.centre), 5.0);
   const auto with = find_affine_start(scene.fixed, scene.moving, AffineKind::Rigid, 2, {&fixed_mask, &moving_mask});
+  // Most corners lie outside the masks, up to twice as far from what is seen.
   EXPECT_LE(largest_error(with, scene.truth, scene.centre), 2 * tolerance_mm<2>);
 }
 
