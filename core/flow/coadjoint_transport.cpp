@@ -1,6 +1,7 @@
 #include "core/flow/coadjoint_transport.h"
 
 #include "core/flow/jump_aware_jacobian.h"
+#include "core/support/planes.h"
 
 #include <Eigen/LU>
 
@@ -23,66 +24,75 @@ Column<Dim, T> load(const T* values) {
 }
 
 template <int Dim, class T>
-void add(T* values, const Column<Dim, T>& terms) {
+void add_to(T* values, const Column<Dim, T>& terms) {
   for (int c = 0; c < Dim; ++c) values[c] += terms[c];
 }
 
 template <int Dim, class T>
+void add_to(T* values, const Square<Dim, T>& terms) {
+  for (int k = 0; k < Dim * Dim; ++k) values[k] += terms.data()[k];
+}
+
+template <int Count, class T>
 bool is_zero(const T* values) {
-  for (int c = 0; c < Dim; ++c)
+  for (int c = 0; c < Count; ++c)
     if (values[c] != T(0)) return false;
   return true;
 }
 
-/// Planes of the last axis in three rounds, so that what a plane adds to its neighbours meets no other thread and
-/// always comes in the same order.
-template <class Plane>
-void for_planes_apart(int planes, Plane&& plane) {
-  for (int round = 0; round < 3; ++round) {
-#pragma omp parallel for schedule(static)
-    for (int p = round; p < planes; p += 3) plane(p);
-  }
+template <int Dim, class T>
+std::array<T, Dim> as_array(const Column<Dim, T>& column) {
+  std::array<T, Dim> values;
+  for (int c = 0; c < Dim; ++c) values[c] = column[c];
+  return values;
+}
+
+template <int Dim, class T>
+Column<Dim, T> gather(const LinearCell<Dim, T>& cell, const T* field) {
+  const std::array<T, Dim> value = cell.template value<Dim>(field);
+  return load<Dim, T>(value.data());
 }
 
 }  // namespace
 
-/// Everything the transport of one site needs; the formulas of the header and their adjoint.
+/// The first-order element at the upper face of a site along one axis.
 template <int Dim, class T>
-struct CoadjointTransport<Dim, T>::Site {
-  Square<Dim, T> F, G;  // G = F^-T
-  Square<Dim, T> dF[Dim];
-  Column<Dim, T> m0, m[Dim], n[Dim], p[Dim], s;
-  bool active = false, first_active = false;
+struct CoadjointTransport<Dim, T>::Face {
+  std::array<std::size_t, 2> beside;  ///< the two sites; equal at the lattice's end
+  std::array<Index<Dim>, 2> index;
+  Square<Dim, T> F, G, dF;            ///< G = F^-T, dF = d_axis F
+  std::array<T, Dim> at;              ///< index coordinates of its position now
 
-  /// `first` is the first of Dim fields that are `field` apart, or null.
-  Site(const CoadjointTransport& owner, const Index<Dim>& index, std::size_t site, const T* zeroth, const T* first) {
-    const std::size_t field = Dim * owner.lattice_.sites();
-    F = load_matrix<Dim, T>(owner.jacobian_.data() + Dim * Dim * site);
-    G = F.inverse().transpose();
-    if (zeroth && !is_zero<Dim, T>(zeroth + Dim * site)) active = true;
-    m0 = zeroth ? load<Dim, T>(zeroth + Dim * site) : Column<Dim, T>(Column<Dim, T>::Zero());
-    s = m0;
-    if (!first) return;
-    for (int b = 0; b < Dim; ++b) {
-      m[b] = load<Dim, T>(first + b * field + Dim * site);
-      if (!is_zero<Dim, T>(m[b].data())) first_active = true;
+  Face(const CoadjointTransport& owner, int axis, const Index<Dim>& where, std::size_t site, const T* displacement) {
+    beside = {site, site};
+    index = {where, where};
+    if (where[axis] + 1 < owner.lattice_.size[axis]) {
+      beside[1] += owner.stride_[axis];
+      ++index[1][axis];
     }
-    if (!first_active) return;
-    active = true;
-    for (int b = 0; b < Dim; ++b) {
+    F.setZero();
+    dF.setZero();
+    for (int side = 0; side < 2; ++side) {
+      F += T(0.5) * load_matrix<Dim, T>(owner.jacobian_.data() + Dim * Dim * beside[side]);
       T derivative[Dim * Dim];
-      SideDifferences<Dim * Dim, Dim, T>(owner.lattice_, index, site, owner.stride_[b], b, owner.jacobian_.data(), T(1))
+      SideDifferences<Dim * Dim, Dim, T>(owner.lattice_, index[side], beside[side], owner.stride_[axis], axis,
+                                         owner.jacobian_.data(), T(1))
           .combine(derivative);
-      dF[b] = load_matrix<Dim, T>(derivative) / static_cast<T>(owner.lattice_.spacing[b]);
-      n[b] = G * m[b];
-      s += owner.unit_ * (dF[b].transpose() * n[b]);
-      p[b].setZero();
-      for (int c = 0; c < Dim; ++c) p[b] += F(b, c) * m[c];
+      dF += static_cast<T>(0.5 / owner.lattice_.spacing[axis]) * load_matrix<Dim, T>(derivative);
+    }
+    G = F.inverse().transpose();
+    for (int a = 0; a < Dim; ++a) {
+      const T moved = T(0.5) * (displacement[Dim * beside[0] + a] + displacement[Dim * beside[1] + a]);
+      at[a] = static_cast<T>(where[a] + (a == axis ? 0.5 : 0.0) + static_cast<double>(moved) / owner.lattice_.spacing[a]);
     }
   }
 
-  Column<Dim, T> zeroth() const { return G * s; }
-  Column<Dim, T> first(int b) const { return G * p[b]; }
+  /// Index coordinates on the lattice of faces along axis b (b < 0: on the sites).
+  std::array<T, Dim> on(int b) const {
+    std::array<T, Dim> shifted = at;
+    if (b >= 0) shifted[b] -= T(0.5);
+    return shifted;
+  }
 };
 
 template <int Dim, class T>
@@ -98,7 +108,7 @@ CoadjointTransport<Dim, T>::CoadjointTransport(const Lattice<Dim>& lattice, doub
 }
 
 template <int Dim, class T>
-void CoadjointTransport<Dim, T>::jacobians(const T* displacement) {
+void CoadjointTransport<Dim, T>::find_jacobians(const T* displacement) {
 #pragma omp parallel for schedule(static)
   for (int slab = 0; slab < lattice_.size[Dim - 1]; ++slab)
     visit_slab<Dim>(lattice_, slab, [&](const Index<Dim>& index, std::size_t site) {
@@ -117,45 +127,65 @@ template <int Dim, class T>
 void CoadjointTransport<Dim, T>::push(const T* displacement, const T* zeroth, const T* first, T* zeroth_out,
                                       T* first_out) {
   const std::size_t field = Dim * lattice_.sites();
-  jacobians(displacement);
-  plan_.build(lattice_, displacement, lattice_);
+  find_jacobians(displacement);
   std::fill(zeroth_out, zeroth_out + field, T(0));
-  if (!has_first_) {
+  if (has_zeroth_) {
+    plan_.place_sites(lattice_, displacement, lattice_);
     plan_.template add<Dim>(
-        [&](const Index<Dim>& index, std::size_t site, std::array<T, Dim>& out) {
-          const Site at(*this, index, site, zeroth, nullptr);
-          if (!at.active) return false;
-          const Column<Dim, T> pushed = at.zeroth();
-          for (int c = 0; c < Dim; ++c) out[c] = pushed[c];
+        [&](std::size_t site, std::array<T, Dim>& out) {
+          if (is_zero<Dim, T>(zeroth + Dim * site)) return false;
+          const Square<Dim, T> F = load_matrix<Dim, T>(jacobian_.data() + Dim * Dim * site);
+          out = as_array<Dim, T>(F.inverse().transpose() * load<Dim, T>(zeroth + Dim * site));
           return true;
         },
         zeroth_out);
-    return;
   }
-  // All orders of a site go out together, then are dealt to their fields.
-  constexpr int channels = Dim + Dim * Dim;
-  std::vector<T> together(channels * lattice_.sites(), T(0));
-  plan_.template add<channels>(
-      [&](const Index<Dim>& index, std::size_t site, std::array<T, channels>& out) {
-        const Site at(*this, index, site, has_zeroth_ ? zeroth : nullptr, first);
-        if (!at.active) return false;
-        const Column<Dim, T> pushed = at.zeroth();
-        for (int c = 0; c < Dim; ++c) out[c] = pushed[c];
-        for (int b = 0; b < Dim; ++b) {
-          const Column<Dim, T> turned = at.first_active ? at.first(b) : Column<Dim, T>(Column<Dim, T>::Zero());
-          for (int c = 0; c < Dim; ++c) out[Dim + Dim * b + c] = turned[c];
-        }
-        return true;
-      },
-      together.data());
-  const std::size_t sites = lattice_.sites();
+  if (!has_first_) return;
+  std::fill(first_out, first_out + Dim * field, T(0));
+  for (int axis = 0; axis < Dim; ++axis)
+    push_faces(axis, displacement, first + static_cast<std::size_t>(axis) * field, zeroth_out, first_out);
+}
+
+template <int Dim, class T>
+void CoadjointTransport<Dim, T>::push_faces(int axis, const T* displacement, const T* first, T* zeroth_out, T* first_out) {
+  // Only active faces cost anything: they are listed in the order of their sites.
+  const std::size_t field = Dim * lattice_.sites();
+  struct Active {
+    std::array<T, Dim> at;
+    std::array<T, Dim> zeroth;
+    std::array<T, Dim * Dim> first;
+  };
+  std::vector<std::vector<Active>> by_slab(static_cast<std::size_t>(lattice_.size[Dim - 1]));
 #pragma omp parallel for schedule(static)
-  for (std::size_t site = 0; site < sites; ++site)
-    for (int c = 0; c < Dim; ++c) {
-      zeroth_out[Dim * site + c] = together[channels * site + c];
+  for (int slab = 0; slab < lattice_.size[Dim - 1]; ++slab)
+    visit_slab<Dim>(lattice_, slab, [&](const Index<Dim>& index, std::size_t site) {
+      if (is_zero<Dim, T>(first + Dim * site)) return;
+      const Face face(*this, axis, index, site, displacement);
+      const Column<Dim, T> n = face.G * load<Dim, T>(first + Dim * site);
+      Active active;
+      active.at = face.at;
+      active.zeroth = as_array<Dim, T>(unit_ * (face.G * (face.dF.transpose() * n)));
       for (int b = 0; b < Dim; ++b)
-        first_out[b * field + Dim * site + c] = together[channels * site + Dim + Dim * b + c];
+        for (int c = 0; c < Dim; ++c) active.first[Dim * b + c] = face.F(b, axis) * n[c];
+      by_slab[static_cast<std::size_t>(slab)].push_back(active);
+    });
+  std::vector<Active> elements;
+  for (const auto& some : by_slab) elements.insert(elements.end(), some.begin(), some.end());
+  plan_.resize(elements.size());
+  for (int b = -1; b < Dim; ++b) {
+    for (std::size_t i = 0; i < elements.size(); ++i) {
+      plan_.points()[i] = elements[i].at;
+      if (b >= 0) plan_.points()[i][b] -= T(0.5);
     }
+    plan_.sort(lattice_);
+    plan_.template add<Dim>(
+        [&](std::size_t i, std::array<T, Dim>& out) {
+          const T* from = b < 0 ? elements[i].zeroth.data() : elements[i].first.data() + Dim * b;
+          std::copy(from, from + Dim, out.begin());
+          return true;
+        },
+        b < 0 ? zeroth_out : first_out + static_cast<std::size_t>(b) * field);
+  }
 }
 
 template <int Dim, class T>
@@ -163,74 +193,16 @@ void CoadjointTransport<Dim, T>::push_adjoint(const T* displacement, const T* ze
                                               const T* zeroth_out_dual, const T* first_out_dual, T* displacement_dual,
                                               T* zeroth_dual, T* first_dual) {
   const std::size_t field = Dim * lattice_.sites();
-  jacobians(displacement);
+  find_jacobians(displacement);
   std::fill(jacobian_dual_.begin(), jacobian_dual_.end(), T(0));
-  const T* first_in = has_first_ ? first : nullptr;
-  const T* zeroth_in = has_zeroth_ ? zeroth : nullptr;
+  if (has_zeroth_) zeroth_adjoint(displacement, zeroth, zeroth_out_dual, displacement_dual, zeroth_dual);
+  if (has_first_)
+    for (int axis = 0; axis < Dim; ++axis) {
+      const std::size_t at = static_cast<std::size_t>(axis) * field;
+      face_adjoint(axis, displacement, first + at, zeroth_out_dual, first_out_dual, displacement_dual, first_dual + at);
+    }
 
-  for_planes_apart(lattice_.size[Dim - 1], [&](int slab) {
-    visit_slab<Dim>(lattice_, slab, [&](const Index<Dim>& index, std::size_t site) {
-      const Site at(*this, index, site, zeroth_in, first_in);
-      const LinearCell<Dim, T> cell(lattice_, displaced<Dim, T>(lattice_, index, displacement + Dim * site, lattice_));
-      const auto gather = [&](const T* dual_field) {
-        const std::array<T, Dim> value = cell.template value<Dim>(dual_field);
-        Column<Dim, T> column;
-        for (int c = 0; c < Dim; ++c) column[c] = value[c];
-        return column;
-      };
-      const Column<Dim, T> dual0 = gather(zeroth_out_dual);
-      const Column<Dim, T> s_dual = at.G.transpose() * dual0;
-      if (has_zeroth_) add<Dim, T>(zeroth_dual + Dim * site, s_dual);
-
-      Square<Dim, T> G_dual = dual0 * at.s.transpose();
-      Square<Dim, T> F_dual = Square<Dim, T>::Zero();
-      std::array<T, Dim> position_dual{};
-      const auto add_position = [&](const T* dual_field, const Column<Dim, T>& pushed) {
-        std::array<T, Dim> values;
-        for (int c = 0; c < Dim; ++c) values[c] = pushed[c];
-        const std::array<T, Dim> gradient = cell.template pulled_back_gradient<Dim>(dual_field, values);
-        for (int a = 0; a < Dim; ++a) position_dual[a] += gradient[a];
-      };
-      if (at.active) add_position(zeroth_out_dual, at.zeroth());
-
-      if (has_first_) {
-        for (int b = 0; b < Dim; ++b) {
-          const Column<Dim, T> dual = gather(first_out_dual + b * field);
-          const Column<Dim, T> p_dual = at.G.transpose() * dual;
-          for (int c = 0; c < Dim; ++c) {
-            add<Dim, T>(first_dual + c * field + Dim * site, Column<Dim, T>(at.F(b, c) * p_dual));
-            if (at.first_active) F_dual(b, c) += p_dual.dot(at.m[c]);
-          }
-          // The dependence of m_0' on m_b goes through d_b F, which exists at every site.
-          Square<Dim, T> derivative;
-          if (at.first_active) {
-            derivative = at.dF[b];
-          } else {
-            T values[Dim * Dim];
-            SideDifferences<Dim * Dim, Dim, T>(lattice_, index, site, stride_[b], b, jacobian_.data(), T(1)).combine(values);
-            derivative = load_matrix<Dim, T>(values) / static_cast<T>(lattice_.spacing[b]);
-          }
-          const Column<Dim, T> n_dual = unit_ * (derivative * s_dual);
-          add<Dim, T>(first_dual + b * field + Dim * site, Column<Dim, T>(at.G.transpose() * n_dual));
-          if (!at.first_active) continue;
-          G_dual += dual * at.p[b].transpose() + n_dual * at.m[b].transpose();
-          add_position(first_out_dual + b * field, at.first(b));
-          const Square<Dim, T> derivative_dual =
-              (unit_ / static_cast<T>(lattice_.spacing[b])) * (at.n[b] * s_dual.transpose());
-          SideDifferences<Dim * Dim, Dim, T>(lattice_, index, site, stride_[b], b, jacobian_.data(), T(1))
-              .adjoint(derivative_dual.data(), site, stride_[b], T(1), jacobian_dual_.data());
-        }
-      }
-      if (!at.active) return;
-      F_dual -= at.G * G_dual.transpose() * at.G;
-      T* sum = jacobian_dual_.data() + Dim * Dim * site;
-      for (int k = 0; k < Dim * Dim; ++k) sum[k] += F_dual.data()[k];
-      for (int a = 0; a < Dim; ++a)
-        displacement_dual[Dim * site + a] += position_dual[a] / static_cast<T>(lattice_.spacing[a]);
-    });
-  });
-
-  for_planes_apart(lattice_.size[Dim - 1], [&](int slab) {
+  for_planes_apart<3>(lattice_.size[Dim - 1], [&](int slab) {
     visit_slab<Dim>(lattice_, slab, [&](const Index<Dim>& index, std::size_t site) {
       const T* F_dual = jacobian_dual_.data() + Dim * Dim * site;
       if (is_zero<Dim * Dim, T>(F_dual)) return;
@@ -246,16 +218,78 @@ void CoadjointTransport<Dim, T>::push_adjoint(const T* displacement, const T* ze
 }
 
 template <int Dim, class T>
+void CoadjointTransport<Dim, T>::zeroth_adjoint(const T* displacement, const T* zeroth, const T* dual_field,
+                                                T* displacement_dual, T* zeroth_dual) {
+#pragma omp parallel for schedule(static)
+  for (int slab = 0; slab < lattice_.size[Dim - 1]; ++slab)
+    visit_slab<Dim>(lattice_, slab, [&](const Index<Dim>& index, std::size_t site) {
+      const Square<Dim, T> F = load_matrix<Dim, T>(jacobian_.data() + Dim * Dim * site);
+      const Square<Dim, T> G = F.inverse().transpose();
+      const LinearCell<Dim, T> cell(lattice_, displaced<Dim, T>(lattice_, index, displacement + Dim * site, lattice_));
+      const Column<Dim, T> dual = gather<Dim, T>(cell, dual_field), pulled = G.transpose() * dual;
+      add_to<Dim, T>(zeroth_dual + Dim * site, pulled);
+      if (is_zero<Dim, T>(zeroth + Dim * site)) return;
+      const Column<Dim, T> m = load<Dim, T>(zeroth + Dim * site), pushed = G * m;
+      const std::array<T, Dim> gradient = cell.template pulled_back_gradient<Dim>(dual_field, as_array<Dim, T>(pushed));
+      for (int a = 0; a < Dim; ++a)
+        displacement_dual[Dim * site + a] += gradient[a] / static_cast<T>(lattice_.spacing[a]);
+      // d G = -G dF^T G, so the dual of F is -G (dual m^T)^T G = -(G m) (G^T dual)^T.
+      add_to<Dim, T>(jacobian_dual_.data() + Dim * Dim * site, Square<Dim, T>(-pushed * pulled.transpose()));
+    });
+}
+
+template <int Dim, class T>
+void CoadjointTransport<Dim, T>::face_adjoint(int axis, const T* displacement, const T* first, const T* zeroth_out_dual,
+                                              const T* first_out_dual, T* displacement_dual, T* first_dual) {
+  const std::size_t field = Dim * lattice_.sites();
+  // A face touches its two sites and, through d_c F, their neighbours: four planes.
+  for_planes_apart<4>(lattice_.size[Dim - 1], [&](int slab) {
+    visit_slab<Dim>(lattice_, slab, [&](const Index<Dim>& where, std::size_t site) {
+      const Face face(*this, axis, where, site, displacement);
+      const LinearCell<Dim, T> zeroth_cell(lattice_, face.on(-1));
+      const Column<Dim, T> dual0 = gather<Dim, T>(zeroth_cell, zeroth_out_dual), s_dual = face.G.transpose() * dual0;
+      Column<Dim, T> dual[Dim];
+      Column<Dim, T> n_dual = unit_ * (face.dF * s_dual);
+      for (int b = 0; b < Dim; ++b) {
+        dual[b] = gather<Dim, T>(LinearCell<Dim, T>(lattice_, face.on(b)), first_out_dual + b * field);
+        n_dual += face.F(b, axis) * dual[b];
+      }
+      const Column<Dim, T> pulled = face.G.transpose() * n_dual;
+      add_to<Dim, T>(first_dual + Dim * site, pulled);
+      if (is_zero<Dim, T>(first + Dim * site)) return;
+
+      const Column<Dim, T> n = face.G * load<Dim, T>(first + Dim * site);
+      const Column<Dim, T> s = unit_ * (face.dF.transpose() * n), pushed0 = face.G * s;
+      std::array<T, Dim> gradient = zeroth_cell.template pulled_back_gradient<Dim>(zeroth_out_dual, as_array<Dim, T>(pushed0));
+      Square<Dim, T> F_dual = -pushed0 * s_dual.transpose() - n * pulled.transpose();
+      for (int b = 0; b < Dim; ++b) {
+        F_dual(b, axis) += dual[b].dot(n);
+        const Column<Dim, T> pushed = face.F(b, axis) * n;
+        const std::array<T, Dim> more = LinearCell<Dim, T>(lattice_, face.on(b))
+                                            .template pulled_back_gradient<Dim>(first_out_dual + b * field, as_array<Dim, T>(pushed));
+        for (int a = 0; a < Dim; ++a) gradient[a] += more[a];
+      }
+      const Square<Dim, T> dF_dual = static_cast<T>(0.5 / lattice_.spacing[axis]) * unit_ * (n * s_dual.transpose());
+      for (int side = 0; side < 2; ++side) {
+        const std::size_t beside = face.beside[side];
+        add_to<Dim, T>(jacobian_dual_.data() + Dim * Dim * beside, Square<Dim, T>(T(0.5) * F_dual));
+        SideDifferences<Dim * Dim, Dim, T>(lattice_, face.index[side], beside, stride_[axis], axis, jacobian_.data(), T(1))
+            .adjoint(dF_dual.data(), beside, stride_[axis], T(1), jacobian_dual_.data());
+        for (int a = 0; a < Dim; ++a)
+          displacement_dual[Dim * beside + a] += T(0.5) * gradient[a] / static_cast<T>(lattice_.spacing[a]);
+      }
+    });
+  });
+}
+
+template <int Dim, class T>
 void CoadjointTransport<Dim, T>::pull_back(const T* displacement, const T* field, T scale, T* sum) {
 #pragma omp parallel for schedule(static)
   for (int slab = 0; slab < lattice_.size[Dim - 1]; ++slab)
     visit_slab<Dim>(lattice_, slab, [&](const Index<Dim>& index, std::size_t site) {
       const Square<Dim, T> F = load_matrix<Dim, T>(jacobian_.data() + Dim * Dim * site);
       const LinearCell<Dim, T> cell(lattice_, displaced<Dim, T>(lattice_, index, displacement + Dim * site, lattice_));
-      const std::array<T, Dim> value = cell.template value<Dim>(field);
-      Column<Dim, T> column;
-      for (int c = 0; c < Dim; ++c) column[c] = value[c];
-      add<Dim, T>(sum + Dim * site, Column<Dim, T>(scale * (F.inverse() * column)));
+      add_to<Dim, T>(sum + Dim * site, Column<Dim, T>(scale * (F.inverse() * gather<Dim, T>(cell, field))));
     });
 }
 

@@ -7,15 +7,20 @@
 
 namespace saltus {
 
-/// Ad* of the flow on the momenta of one scale, in closed form (no EPDiff equation is integrated). A site x0 carries
-/// the functional w -> m_0 . w - unit * sum_b m_b . d_b w; with phi(x0) = x0 + d(x0) and F = D phi it becomes, at phi(x0),
+/// Ad* of the flow on the momenta of one scale, in closed form (no EPDiff equation is integrated).
 ///
-///     m_b' = F^-T sum_c m_c F_bc
-///     m_0' = F^-T ( m_0 + unit * sum_b (d_b F)^T F^-T m_b )
+/// Order 0 sits at the sites, the first-order momentum m_c at the faces half a sample up axis c (momentum_scale.h). An
+/// element at x0 is the functional w -> m_0 . w (order 0) or w -> -unit m_c . d_c w (order 1); with the flow
+/// phi(x0) = x0 + d(x0), F = D phi and G = F^-T it becomes, at phi(x0),
 ///
-/// and is spread to the lattice with the transpose of linear interpolation, which carries |det F| by itself.
-/// F and d_b F are jump-aware differences of d (jump_aware_jacobian.h): at an active first-order site the map jumps,
-/// and a sheet of momentum moves with the derivative of its own side, not with that of its own jump.
+///     m_0' = G m_0                                                                    from order 0
+///     m_b' = F_bc G m_c  for all axes b,   m_0' = unit G (d_c F)^T G m_c              from order 1
+///
+/// and is spread with the transpose of linear interpolation, which carries |det F| by itself.
+///
+/// F and d_c F are jump-aware differences of d at the sites (jump_aware_jacobian.h). At a face, position, F and d_c F are
+/// the means of the two sites beside it, each differentiated on its own side: a sheet moves with the mean of both sides,
+/// and not with the derivative of its own jump, which does not exist as the grid is refined.
 ///
 /// Not for concurrent use; threads inside. Results do not depend on the number of threads.
 template <int Dim, class T>
@@ -28,25 +33,29 @@ class CoadjointTransport {
   /// zeroth_out is always written; first_out when there is a first order.
   void push(const T* displacement, const T* zeroth, const T* first, T* zeroth_out, T* first_out);
 
-  /// Adjoint of the last push with the same arguments: given the duals of zeroth_out and first_out, adds to
-  /// displacement_dual, zeroth_dual and first_dual.
+  /// Adjoint of push with the same arguments: given the duals of zeroth_out and first_out, adds to displacement_dual,
+  /// zeroth_dual and first_dual.
   void push_adjoint(const T* displacement, const T* zeroth, const T* first, const T* zeroth_out_dual,
                     const T* first_out_dual, T* displacement_dual, T* zeroth_dual, T* first_dual);
 
-  /// Adds F^T-free pull back F^-1-transported values of a covector field: sum += F^-1-adjoint of `field` at phi(x0).
-  /// The order-0 part of push_adjoint with another dual; used for the preconditioned gradient.
+  /// sum += scale * F^-1 field(phi(x0)) at the sites: the order-0 part of push_adjoint, for another dual field. Uses the
+  /// Jacobians of the last push or push_adjoint, which must have had the same displacement.
   void pull_back(const T* displacement, const T* field, T scale, T* sum);
 
  private:
-  struct Site;
-  void jacobians(const T* displacement);
+  struct Face;
+  void find_jacobians(const T* displacement);
+  void push_faces(int axis, const T* displacement, const T* first, T* zeroth_out, T* first_out);
+  void zeroth_adjoint(const T* displacement, const T* zeroth, const T* dual_field, T* displacement_dual, T* zeroth_dual);
+  void face_adjoint(int axis, const T* displacement, const T* first, const T* zeroth_out_dual, const T* first_out_dual,
+                    T* displacement_dual, T* first_dual);
 
   Lattice<Dim> lattice_;
   T unit_;
   bool has_zeroth_, has_first_;
   std::array<std::size_t, Dim> stride_;
   ScatterPlan<Dim, T> plan_;
-  std::vector<T> jacobian_;       ///< F per site, row-major
+  std::vector<T> jacobian_;  ///< F per site, row-major
   std::vector<T> jacobian_dual_;
 };
 

@@ -28,9 +28,9 @@ void advance(const Lattice<Dim>& points, const T* a, const T* at, const Lattice<
 template <int Dim, class T>
 void advance_adjoint(const Lattice<Dim>& points, const T* at, const Lattice<Dim>& velocity_lattice, const T* velocity,
                      T factor, const T* dual, ScatterPlan<Dim, T>& plan, T* velocity_dual, T* at_dual) {
-  plan.build(points, at, velocity_lattice);
+  plan.place_sites(points, at, velocity_lattice);
   plan.template add<Dim>(
-      [&](const Index<Dim>&, std::size_t site, std::array<T, Dim>& out) {
+      [&](std::size_t site, std::array<T, Dim>& out) {
         bool any = false;
         for (int c = 0; c < Dim; ++c) {
           out[c] = factor * dual[Dim * site + c];
@@ -40,15 +40,14 @@ void advance_adjoint(const Lattice<Dim>& points, const T* at, const Lattice<Dim>
       },
       velocity_dual);
   if (!at_dual) return;
+  const std::size_t sites = points.sites();
 #pragma omp parallel for schedule(static)
-  for (int slab = 0; slab < points.size[Dim - 1]; ++slab)
-    visit_slab<Dim>(points, slab, [&](const Index<Dim>& index, std::size_t site) {
-      std::array<T, Dim> value;
-      for (int c = 0; c < Dim; ++c) value[c] = factor * dual[Dim * site + c];
-      const std::array<T, Dim> gradient = plan.cell(index, site).template pulled_back_gradient<Dim>(velocity, value);
-      for (int c = 0; c < Dim; ++c)
-        at_dual[Dim * site + c] += gradient[c] / static_cast<T>(velocity_lattice.spacing[c]);
-    });
+  for (std::size_t site = 0; site < sites; ++site) {
+    std::array<T, Dim> value;
+    for (int c = 0; c < Dim; ++c) value[c] = factor * dual[Dim * site + c];
+    const std::array<T, Dim> gradient = plan.cell(site).template pulled_back_gradient<Dim>(velocity, value);
+    for (int c = 0; c < Dim; ++c) at_dual[Dim * site + c] += gradient[c] / static_cast<T>(velocity_lattice.spacing[c]);
+  }
 }
 
 }  // namespace saltus

@@ -29,16 +29,21 @@ std::unique_ptr<KernelProfile> make_gaussian_profile(double sigma_mm);
 /// ((1 - |r|/sigma)_+)^2, the C0 Wendland kernel: not differentiable at 0, so that its first order can jump.
 std::unique_ptr<KernelProfile> make_wendland_profile(double sigma_mm);
 
-/// Convolution weights along one axis with spacing h: tap[j + radius] for j = -radius..radius.
-/// With L the hat function of width h and unit mass (source cell average, then target cell average) and `mass` the
-/// kernel's integral, each tap is
-///   value:      h/mass          * integral of k0(jh + s) L(s) ds           (sums to about 1)
-///   slope:      h sigma/mass    * integral of k0'(jh + s) L(s) ds          (odd)
-///   curvature: -h sigma^2/mass  * integral of k0''(jh + s) L(s) ds         (holds the 4/sigma Dirac of C0 Wendland)
-/// The double average makes value and curvature Gram matrices positive semi-definite, and energies converge as h -> 0.
+/// Convolution weights along one axis with spacing h, for t = -radius..radius at [t + radius]. Order 0 sits at the
+/// samples; order 1 at the faces between them, source face i at (i + 1/2) h, so that a sheet of first-order momentum
+/// makes a jump between two samples and none of them lies inside it. B is the box of width h and unit mass (a cell
+/// average), L = B * B the hat, `mass` the kernel's integral, m the momentum:
+///
+///   value:      sample <- sample    h/mass         k0 * L  at t h             (sums to about 1)
+///   slope:      sample <- face      h sigma/mass   k0' * B at (t - 1/2) h     = sigma/mass (k0(t h) - k0((t-1) h))
+///   curvature:  face <- face       -h sigma^2/mass k0'' * L at t h            (holds the 4/sigma Dirac of C0 Wendland)
+///   slope_gram: sample <- face      h sigma/mass   k0' * L at (t - 1/2) h     (pairs the two orders in energies)
+///
+/// The double averages make the Gram matrices of value and curvature positive semi-definite, and energies converge as
+/// h -> 0. No derivative of k0 is ever sampled: each tap is a difference of k0 or its antiderivatives.
 struct KernelTaps {
   int radius = 0;
-  std::vector<double> value, slope, curvature;
+  std::vector<double> value, slope, curvature, slope_gram;
 };
 
 KernelTaps cell_averaged_taps(const KernelProfile& profile, double spacing_mm);

@@ -19,8 +19,10 @@ MomentumScale<Dim, T>::MomentumScale(const MomentumScaleOptions<Dim>& options) :
     for (std::size_t j = 0; j < taps.value.size(); ++j) {
       taps_[axis].value.push_back(static_cast<T>(taps.value[j]));
       taps_[axis].slope.push_back(static_cast<T>(ratio * taps.slope[j]));
-      taps_[axis].slope_transposed.push_back(static_cast<T>(-ratio * taps.slope[j]));
+      taps_[axis].slope_transposed.push_back(static_cast<T>(ratio * taps.slope[taps.slope.size() - 1 - j]));
       taps_[axis].curvature.push_back(static_cast<T>(taps.curvature[j]));
+      taps_[axis].slope_gram.push_back(static_cast<T>(ratio * taps.slope_gram[j]));
+      taps_[axis].slope_gram_transposed.push_back(static_cast<T>(ratio * taps.slope_gram[taps.slope.size() - 1 - j]));
     }
   }
   for (auto& scratch : scratch_) scratch.resize(field_size());
@@ -133,8 +135,8 @@ double MomentumScale<Dim, T>::total_energy(const T* zeroth, const T* first) {
       for (int axis = 0; axis < Dim; ++axis) {
         const bool by_left = left == axis, by_right = right == axis;
         const std::vector<T>& taps = by_left && by_right ? taps_[axis].curvature
-                                     : by_right          ? taps_[axis].slope
-                                     : by_left           ? taps_[axis].slope_transposed
+                                     : by_right          ? taps_[axis].slope_gram
+                                     : by_left           ? taps_[axis].slope_gram_transposed
                                                          : taps_[axis].value;
         if (by_left && by_right) factor *= ratio * ratio;
         convolve_axis<Dim, T>(lattice(), Dim, axis, taps, Combine::Replace, smoothed.data(), next.data());

@@ -27,9 +27,10 @@ struct MomentumScaleOptions {
 ///
 ///     v = a_0 K * m_0 + a_1 sigma sum_i D^i K * m_i       (K with unit mass; Bao et al., eq. 3.5)
 ///
-/// A field of order 0 is interleaved (Dim values a site); order 1 is Dim such fields, one for each derivative axis.
+/// A field of order 0 is interleaved (Dim values a site); order 1 is Dim such fields, one for each derivative axis. The
+/// field m_i is staggered: its value at a site belongs to the face half a sample up axis i, where it makes a jump.
 /// With unit-mass kernels all momenta are comparable to velocities (mm): v is about a_0 m_0 where m_0 is smooth, and a
-/// first-order sheet m_i of one cell makes a jump of about 6 a_1 m_i (h / sigma is absorbed by the cell average).
+/// sheet of m_i one face thick makes a jump of 4 a_1 h / mass times it, with no sample inside.
 /// Not for concurrent use: holds scratch memory. Threads inside (OpenMP).
 template <int Dim, class T>
 class MomentumScale {
@@ -65,7 +66,7 @@ class MomentumScale {
 
  private:
   struct AxisTaps {
-    std::vector<T> value, slope, slope_transposed, curvature;
+    std::vector<T> value, slope, slope_transposed, curvature, slope_gram, slope_gram_transposed;
   };
   const T* smooth_axes_above(int axis, const T* in);
 

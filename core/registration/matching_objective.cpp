@@ -1,5 +1,7 @@
 #include "core/registration/matching_objective.h"
 
+#include "core/flow/divergence_penalty.h"
+
 #include <algorithm>
 #include <cmath>
 
@@ -96,8 +98,7 @@ Evaluation MatchingObjective<Dim, T>::evaluate(const std::vector<T>& x, std::vec
   parts_.similarity = level_.similarity_weight *
                       similarity_->evaluate(level_.fixed.data(), warped_.data(), weights, image_dual_.data(),
                                             moving_weights ? weight_dual_.data() : nullptr);
-  const double energy = parts_.similarity + parts_.regularisation;
-  if (!std::isfinite(energy)) return {energy, false};
+  if (!std::isfinite(parts_.similarity)) return {parts_.similarity, false};
 
   const T weight = static_cast<T>(level_.similarity_weight);
   for (T& dual : image_dual_) dual *= weight;
@@ -110,6 +111,12 @@ Evaluation MatchingObjective<Dim, T>::evaluate(const std::vector<T>& x, std::vec
                          displacement_dual_.data());
   }
   for (Field<T>& dual : velocity_duals_) std::fill(dual.begin(), dual.end(), T(0));
+  if (level_.divergence_weight > 0)
+    for (int k = 0; k <= level_.time_steps; ++k) {
+      const double share = (k == 0 || k == level_.time_steps ? 0.5 : 1.0) / level_.time_steps;  // trapezoidal rule
+      parts_.regularisation += add_divergence_penalty<Dim, T>(level_.lattice, shooting_.velocities()[k].data(),
+                                                              level_.divergence_weight * share, velocity_duals_[k].data());
+    }
   map_.adjoint(shooting_.velocities(), displacement_dual_, velocity_duals_);
   shooting_.adjoint(momenta, velocity_duals_, gradients, scaled);
 
@@ -120,7 +127,8 @@ Evaluation MatchingObjective<Dim, T>::evaluate(const std::vector<T>& x, std::vec
     drop_normal_components(gradient);
     drop_normal_components(preconditioned);
   }
-  return {energy, true};
+  const double energy = parts_.similarity + parts_.regularisation;
+  return {energy, std::isfinite(energy)};
 }
 
 template <int Dim, class T>

@@ -38,6 +38,7 @@ struct RegistrationOptions {
 
   struct Flow {
     int time_steps = 4;
+    double divergence_weight = 0;  ///< of 1/2 integral |div v|^2 over space and time: holds back opening and overlap
   } flow;
 
   struct SimilarityParameters {

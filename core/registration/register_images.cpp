@@ -111,6 +111,7 @@ class Pyramid {
     if (input_.fixed_mask) made.fixed_weights = downsampled(fixed_lattice_, binary(input_.fixed_mask->samples), made.lattice);
     if (input_.moving_mask) made.moving_weights = framed(binary(input_.moving_mask->samples), moving);
     made.similarity_weight = options_.similarity_parameters.weight;
+    made.divergence_weight = options_.flow.divergence_weight;
     made.time_steps = options_.flow.time_steps;
     return made;
   }

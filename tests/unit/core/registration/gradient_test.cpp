@@ -59,6 +59,7 @@ void expect_taylor_slope_two(const Case& test) {
     for (double& weight : level.moving_weights.samples) weight = 0.5 + 0.2 * weight;
   }
   level.time_steps = 3;
+  level.divergence_weight = 0.3;
 
   MatchingObjective<Dim, double> objective(
       scales, level, make_similarity<Dim, double>(test.similarity, lattice, options.similarity_parameters, 1.0), 0.0);
