@@ -87,6 +87,11 @@ struct CoadjointTransport<Dim, T>::Face {
     }
   }
 
+  /// How much of the derivative along `axis` is a derivative along b now.
+  T turned(const CoadjointTransport& owner, int b, int axis) const {
+    return owner.evolution_ == Evolution::Exact ? F(b, axis) : T(b == axis);
+  }
+
   /// Index coordinates on the lattice of faces along axis b (b < 0: on the sites).
   std::array<T, Dim> on(int b) const {
     std::array<T, Dim> shifted = at;
@@ -96,8 +101,10 @@ struct CoadjointTransport<Dim, T>::Face {
 };
 
 template <int Dim, class T>
-CoadjointTransport<Dim, T>::CoadjointTransport(const Lattice<Dim>& lattice, double unit, bool has_zeroth, bool has_first)
-    : lattice_(lattice), unit_(static_cast<T>(unit)), has_zeroth_(has_zeroth), has_first_(has_first) {
+CoadjointTransport<Dim, T>::CoadjointTransport(const Lattice<Dim>& lattice, double unit, bool has_zeroth, bool has_first,
+                                               Evolution evolution)
+    : lattice_(lattice), unit_(evolution == Evolution::Exact ? static_cast<T>(unit) : T(0)), evolution_(evolution),
+      has_zeroth_(has_zeroth), has_first_(has_first) {
   std::size_t stride = 1;
   for (int axis = 0; axis < Dim; ++axis) {
     stride_[axis] = stride;
@@ -109,6 +116,11 @@ CoadjointTransport<Dim, T>::CoadjointTransport(const Lattice<Dim>& lattice, doub
 
 template <int Dim, class T>
 void CoadjointTransport<Dim, T>::find_jacobians(const T* displacement) {
+  if (evolution_ == Evolution::Carried) {
+    for (std::size_t site = 0; site < lattice_.sites(); ++site)
+      for (int k = 0; k < Dim * Dim; ++k) jacobian_[Dim * Dim * site + k] = T(k % (Dim + 1) == 0);
+    return;
+  }
 #pragma omp parallel for schedule(static)
   for (int slab = 0; slab < lattice_.size[Dim - 1]; ++slab)
     visit_slab<Dim>(lattice_, slab, [&](const Index<Dim>& index, std::size_t site) {
@@ -166,7 +178,7 @@ void CoadjointTransport<Dim, T>::push_faces(int axis, const T* displacement, con
       active.at = face.at;
       active.zeroth = as_array<Dim, T>(unit_ * (face.G * (face.dF.transpose() * n)));
       for (int b = 0; b < Dim; ++b)
-        for (int c = 0; c < Dim; ++c) active.first[Dim * b + c] = face.F(b, axis) * n[c];
+        for (int c = 0; c < Dim; ++c) active.first[Dim * b + c] = face.turned(*this, b, axis) * n[c];
       by_slab[static_cast<std::size_t>(slab)].push_back(active);
     });
   std::vector<Active> elements;
@@ -202,6 +214,7 @@ void CoadjointTransport<Dim, T>::push_adjoint(const T* displacement, const T* ze
       face_adjoint(axis, displacement, first + at, zeroth_out_dual, first_out_dual, displacement_dual, first_dual + at);
     }
 
+  if (evolution_ == Evolution::Carried) return;
   for_planes_apart<3>(lattice_.size[Dim - 1], [&](int slab) {
     visit_slab<Dim>(lattice_, slab, [&](const Index<Dim>& index, std::size_t site) {
       const T* F_dual = jacobian_dual_.data() + Dim * Dim * site;
@@ -252,7 +265,7 @@ void CoadjointTransport<Dim, T>::face_adjoint(int axis, const T* displacement, c
       Column<Dim, T> n_dual = unit_ * (face.dF * s_dual);
       for (int b = 0; b < Dim; ++b) {
         dual[b] = gather<Dim, T>(LinearCell<Dim, T>(lattice_, face.on(b)), first_out_dual + b * field);
-        n_dual += face.F(b, axis) * dual[b];
+        n_dual += face.turned(*this, b, axis) * dual[b];
       }
       const Column<Dim, T> pulled = face.G.transpose() * n_dual;
       add_to<Dim, T>(first_dual + Dim * site, pulled);
@@ -263,8 +276,8 @@ void CoadjointTransport<Dim, T>::face_adjoint(int axis, const T* displacement, c
       std::array<T, Dim> gradient = zeroth_cell.template pulled_back_gradient<Dim>(zeroth_out_dual, as_array<Dim, T>(pushed0));
       Square<Dim, T> F_dual = -pushed0 * s_dual.transpose() - n * pulled.transpose();
       for (int b = 0; b < Dim; ++b) {
-        F_dual(b, axis) += dual[b].dot(n);
-        const Column<Dim, T> pushed = face.F(b, axis) * n;
+        if (evolution_ == Evolution::Exact) F_dual(b, axis) += dual[b].dot(n);
+        const Column<Dim, T> pushed = face.turned(*this, b, axis) * n;
         const std::array<T, Dim> more = LinearCell<Dim, T>(lattice_, face.on(b))
                                             .template pulled_back_gradient<Dim>(first_out_dual + b * field, as_array<Dim, T>(pushed));
         for (int a = 0; a < Dim; ++a) gradient[a] += more[a];

@@ -1,5 +1,6 @@
 #pragma once
 
+#include "core/flow/evolution.h"
 #include "core/flow/scatter_plan.h"
 #include "core/grid/lattice.h"
 
@@ -22,12 +23,14 @@ namespace saltus {
 /// the means of the two sites beside it, each differentiated on its own side: a sheet moves with the mean of both sides,
 /// and not with the derivative of its own jump, which does not exist as the grid is refined.
 ///
+/// That is evolution `exact`. With `per_order` each m_c only turns with G; with `carried` F is replaced by the identity.
+///
 /// Not for concurrent use; threads inside. Results do not depend on the number of threads.
 template <int Dim, class T>
 class CoadjointTransport {
  public:
   /// `unit` is MomentumScale::first_order_unit; orders as there.
-  CoadjointTransport(const Lattice<Dim>& lattice, double unit, bool has_zeroth, bool has_first);
+  CoadjointTransport(const Lattice<Dim>& lattice, double unit, bool has_zeroth, bool has_first, Evolution evolution);
 
   /// Momenta at time t from those at 0 and the displacement d (mm, interleaved) of the sites since then.
   /// zeroth_out is always written; first_out when there is a first order.
@@ -52,6 +55,7 @@ class CoadjointTransport {
 
   Lattice<Dim> lattice_;
   T unit_;
+  Evolution evolution_;
   bool has_zeroth_, has_first_;
   std::array<std::size_t, Dim> stride_;
   ScatterPlan<Dim, T> plan_;

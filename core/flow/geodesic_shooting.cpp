@@ -24,13 +24,13 @@ void add_fields(const Field<T>& terms, T* sum) {
 
 template <int Dim, class T>
 GeodesicShooting<Dim, T>::GeodesicShooting(std::vector<MomentumScale<Dim, T>*> scales,
-                                           const Lattice<Dim>& velocity_lattice, int time_steps)
+                                           const Lattice<Dim>& velocity_lattice, int time_steps, Evolution evolution)
     : lattice_(velocity_lattice), time_steps_(time_steps) {
   for (MomentumScale<Dim, T>* scale : scales) {
     ScaleState state;
     state.scale = scale;
     state.transport = std::make_unique<CoadjointTransport<Dim, T>>(
-        scale->lattice(), scale->first_order_unit(), has_zeroth(scale->options().orders), scale->has_first_order());
+        scale->lattice(), scale->first_order_unit(), has_zeroth(scale->options().orders), scale->has_first_order(), evolution);
     state.prolongation = std::make_unique<LatticeInterpolation<Dim, T>>(scale->lattice(), velocity_lattice, Dim);
     state.position.resize(time_steps);
     state.predicted.resize(time_steps + 1);

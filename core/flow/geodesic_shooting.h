@@ -32,7 +32,8 @@ template <int Dim, class T>
 class GeodesicShooting {
  public:
   /// Scales stay owned by the caller and must outlive this.
-  GeodesicShooting(std::vector<MomentumScale<Dim, T>*> scales, const Lattice<Dim>& velocity_lattice, int time_steps);
+  GeodesicShooting(std::vector<MomentumScale<Dim, T>*> scales, const Lattice<Dim>& velocity_lattice, int time_steps,
+                   Evolution evolution);
 
   int time_steps() const { return time_steps_; }
   const Lattice<Dim>& velocity_lattice() const { return lattice_; }

@@ -12,7 +12,7 @@ MatchingObjective<Dim, T>::MatchingObjective(std::vector<MomentumScale<Dim, T>*>
                                              const MatchingLevel<Dim, T>& level,
                                              std::unique_ptr<Similarity<Dim, T>> similarity, double sparsity)
     : scales_(scales), level_(level), similarity_(std::move(similarity)),
-      shooting_(scales, level.lattice, level.time_steps), map_(level.lattice, level.lattice, level.time_steps) {
+      shooting_(scales, level.lattice, level.time_steps, level.evolution), map_(level.lattice, level.lattice, level.time_steps) {
   for (const MomentumScale<Dim, T>* scale : scales_) {
     if (has_zeroth(scale->options().orders)) size_ += scale->field_size();
     if (!scale->has_first_order()) continue;

@@ -28,6 +28,7 @@ struct MatchingLevel {
   double similarity_weight = 1;
   double divergence_weight = 0;            ///< of 1/2 integral |div v|^2 over space and time
   int time_steps = 4;
+  Evolution evolution = Evolution::Exact;
 };
 
 /// E(m) = weight * E_S(I0 o psi_1, I1) + sum over scales and orders of 1/2 ||v_i(0)||^2 + divergence penalty, with its exact discrete gradient.

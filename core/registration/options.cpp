@@ -22,6 +22,9 @@ const Names<Model> kModels = {{Model::Gaussian, "gaussian"},
 const Names<SimilarityType> kSimilarities = {{SimilarityType::Ssd, "ssd"}, {SimilarityType::Lncc, "lncc"}};
 const Names<Preset> kPresets = {{Preset::Fast, "fast"}, {Preset::Balanced, "balanced"}, {Preset::Accurate, "accurate"}};
 
+const Names<Evolution> kEvolutions = {
+    {Evolution::Exact, "exact"}, {Evolution::PerOrder, "per_order"}, {Evolution::Carried, "carried"}};
+
 template <class Value>
 std::string name_of(const Names<Value>& names, Value value) {
   for (const auto& [candidate, name] : names)
@@ -106,6 +109,23 @@ Parameter boolean(std::string name, std::string description, Access access) {
           [](const RegistrationOptions&) { return true; }};
 }
 
+template <class Value, class Access>
+Parameter choice(std::string name, const Names<Value>& names, std::string description, Access access) {
+  std::string range;
+  for (const auto& [value, text] : names) range += (range.empty() ? "" : "|") + std::string(text);
+  return {std::move(name), "", range, std::move(description),
+          [access, names](const RegistrationOptions& o) { return name_of(names, access(const_cast<RegistrationOptions&>(o))); },
+          [access, names](RegistrationOptions& o, std::string_view text) {
+            for (const auto& [value, candidate] : names) {
+              if (text != candidate) continue;
+              access(o) = value;
+              return true;
+            }
+            return false;
+          },
+          [](const RegistrationOptions&) { return true; }};
+}
+
 const std::vector<Parameter>& parameters() {
   using O = RegistrationOptions;
   constexpr double inf = std::numeric_limits<double>::infinity();
@@ -131,6 +151,8 @@ const std::vector<Parameter>& parameters() {
            [](O& o) -> auto& { return o.momenta.sparsity; }),
       boolean("shear_only", "leave out the component of m_i along axis i, so that a jump can only slide",
               [](O& o) -> auto& { return o.momenta.shear_only; }),
+      choice("evolution", kEvolutions, "how momenta evolve: the geodesic of the metric, order by order, or without turning",
+             [](O& o) -> auto& { return o.flow.evolution; }),
       integer("time_steps", "", 1, 64, "steps of the flow over [0,1]", [](O& o) -> auto& { return o.flow.time_steps; }),
       real("divergence_weight", "", 0, Lower::Inclusive, inf,
            "weight of the divergence of the velocity, which leaves sliding free and holds back opening and overlap",

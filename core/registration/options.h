@@ -1,5 +1,7 @@
 #pragma once
 
+#include "core/flow/evolution.h"
+
 #include <string>
 #include <string_view>
 #include <vector>
@@ -37,6 +39,7 @@ struct RegistrationOptions {
   } momenta;
 
   struct Flow {
+    Evolution evolution = Evolution::Carried;
     int time_steps = 4;
     double divergence_weight = 0;  ///< of 1/2 integral |div v|^2 over space and time: holds back opening and overlap
   } flow;

@@ -113,6 +113,7 @@ class Pyramid {
     made.similarity_weight = options_.similarity_parameters.weight;
     made.divergence_weight = options_.flow.divergence_weight;
     made.time_steps = options_.flow.time_steps;
+    made.evolution = options_.flow.evolution;
     return made;
   }
 

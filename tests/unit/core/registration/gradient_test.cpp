@@ -14,6 +14,7 @@ struct Case {
   Model model;
   SimilarityType similarity;
   bool masks;
+  Evolution evolution = Evolution::Exact;
 };
 
 template <int Dim>
@@ -60,6 +61,7 @@ void expect_taylor_slope_two(const Case& test) {
   }
   level.time_steps = 3;
   level.divergence_weight = 0.3;
+  level.evolution = test.evolution;
 
   MatchingObjective<Dim, double> objective(
       scales, level, make_similarity<Dim, double>(test.similarity, lattice, options.similarity_parameters, 1.0), 0.0);
@@ -98,11 +100,15 @@ std::vector<Case> all_cases() {
   for (Model model : {Model::Gaussian, Model::Wendland, Model::Wendland1, Model::Sliding})
     for (SimilarityType similarity : {SimilarityType::Ssd, SimilarityType::Lncc})
       for (bool masks : {false, true}) cases.push_back({model, similarity, masks});
+  for (Model model : {Model::Gaussian, Model::Wendland1})
+    for (Evolution evolution : {Evolution::PerOrder, Evolution::Carried})
+      cases.push_back({model, SimilarityType::Ssd, false, evolution});
   return cases;
 }
 
 INSTANTIATE_TEST_SUITE_P(Models, Gradient, ::testing::ValuesIn(all_cases()), [](const auto& info) {
-  return to_string(info.param.model) + "_" + to_string(info.param.similarity) + (info.param.masks ? "_masks" : "");
+  return to_string(info.param.model) + "_" + to_string(info.param.similarity) + (info.param.masks ? "_masks" : "") +
+         (info.param.evolution == Evolution::Exact ? "" : info.param.evolution == Evolution::PerOrder ? "_per_order" : "_carried");
 });
 
 }  // namespace
