@@ -1,5 +1,7 @@
 #include "server/daemon.h"
 
+#include "server/config/socket_file.h"
+
 #include <set>
 
 namespace saltus::server {
@@ -32,8 +34,14 @@ Daemon::Daemon(const DaemonSettings& settings, std::function<void(const std::str
   jobs_ = std::make_unique<JobManager>(*store_, *blobs_, *launcher_, clock_, ids_, settings.jobs, [this] { wake(); });
   jobs_->recover();
   if (local) local->remove_stale_tokens();
-  rpc_ = std::make_unique<RpcServer>(settings.listen, *jobs_, *blobs_, ids_, settings.version);
-  if (local) local->set_server_address(rpc_->address());
+  ListenAddress listen = settings.listen;
+  const bool is_socket = listen.kind == ListenAddress::Kind::UnixSocket;
+  if (is_socket) require_nobody_listens(listen.path);
+  rpc_ = std::make_unique<RpcServer>(listen.to_text(), *jobs_, *blobs_, ids_, settings.version);
+  if (is_socket) restrict_socket(listen.path);
+  if (!is_socket) listen.port = rpc_->port();
+  address_ = listen.to_text();
+  if (local) local->set_server_address(address_);
   thread_ = std::thread([this] { run(); });
 }
 

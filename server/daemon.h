@@ -1,5 +1,6 @@
 #pragma once
 
+#include "server/config/listen_address.h"
 #include "server/jobs/blob_catalog.h"
 #include "server/jobs/job_manager.h"
 #include "server/launch/local_launcher.h"
@@ -44,7 +45,8 @@ class Daemon {
   Daemon(const Daemon&) = delete;
   Daemon& operator=(const Daemon&) = delete;
 
-  const std::string& address() const { return rpc_->address(); }
+  /// What clients use as an address; with the port that was chosen.
+  const std::string& address() const { return address_; }
   /// Refuses new jobs, ends the workers (their jobs are queued again) and all calls. Blocks.
   void stop();
 
@@ -52,6 +54,7 @@ class Daemon {
   void run();
   void wake();
 
+  std::string address_;
   DataDirectory directory_;
   SystemClock clock_;
   RandomIds ids_;

@@ -1,6 +1,6 @@
 #pragma once
 
-#include "server/rpc/listen_address.h"
+#include "server/config/listen_address.h"
 
 #include <chrono>
 #include <filesystem>

@@ -6,12 +6,6 @@
 #include <grpcpp/health_check_service_interface.h>
 #include <grpcpp/server_builder.h>
 
-#include <sys/socket.h>
-#include <sys/stat.h>
-#include <sys/un.h>
-#include <unistd.h>
-
-#include <cstring>
 #include <stdexcept>
 
 namespace saltus::server {
@@ -19,19 +13,6 @@ namespace {
 
 // Enough that a few slow disk operations do not hold up the rest; each costs one stack.
 constexpr int kPoolThreads = 8;
-
-/// gRPC replaces a socket file without asking whether somebody still listens on it.
-void require_nobody_listens(const std::string& path) {
-  const int descriptor = ::socket(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC, 0);
-  if (descriptor < 0) throw std::runtime_error(std::string("cannot make a socket: ") + std::strerror(errno));
-  sockaddr_un address{};
-  address.sun_family = AF_UNIX;
-  std::strncpy(address.sun_path, path.c_str(), sizeof address.sun_path - 1);
-  const int result = ::connect(descriptor, reinterpret_cast<const sockaddr*>(&address), sizeof address);
-  ::close(descriptor);
-  if (result == 0)
-    throw std::runtime_error("--listen is unix:" + path + ", where another program listens; stop it or choose another path");
-}
 
 void enable_extensions() {
   static const bool is_enabled = [] {
@@ -44,7 +25,7 @@ void enable_extensions() {
 
 }  // namespace
 
-RpcServer::RpcServer(const ListenAddress& address, JobManager& jobs, BlobCatalog& blobs, const IdSource& ids,
+RpcServer::RpcServer(const std::string& address, JobManager& jobs, BlobCatalog& blobs, const IdSource& ids,
                      const std::string& version)
     : pool_(kPoolThreads),
       registration_(jobs, ids, pool_),
@@ -52,12 +33,8 @@ RpcServer::RpcServer(const ListenAddress& address, JobManager& jobs, BlobCatalog
       info_(jobs, version),
       worker_(jobs, pool_) {
   enable_extensions();
-  const bool is_socket = address.kind == ListenAddress::Kind::UnixSocket;
-  if (is_socket) require_nobody_listens(address.path);
-
   grpc::ServerBuilder builder;
-  int port = 0;
-  builder.AddListeningPort(address.to_text(), grpc::InsecureServerCredentials(), &port);
+  builder.AddListeningPort(address, grpc::InsecureServerCredentials(), &port_);
   builder.SetMaxReceiveMessageSize(limits::kMessageBytes);
   builder.SetMaxSendMessageSize(limits::kMessageBytes);
   // Two daemons on one port would share its connections.
@@ -70,13 +47,7 @@ RpcServer::RpcServer(const ListenAddress& address, JobManager& jobs, BlobCatalog
   builder.RegisterService(&worker_);
   server_ = builder.BuildAndStart();
   if (!server_)
-    throw std::runtime_error("cannot listen on " + address.to_text() + "; see that the address is free and may be used");
-  if (is_socket && ::chmod(address.path.c_str(), 0660) != 0)
-    throw std::runtime_error("cannot set the permissions of " + address.path + ": " + std::strerror(errno));
-
-  ListenAddress bound = address;
-  if (!is_socket) bound.port = port;
-  address_ = bound.to_text();
+    throw std::runtime_error("cannot listen on " + address + "; see that the address is free and may be used");
 }
 
 RpcServer::~RpcServer() { stop(std::chrono::milliseconds(0)); }

@@ -4,7 +4,6 @@
 #include "server/jobs/id_source.h"
 #include "server/jobs/job_manager.h"
 #include "server/rpc/blob_service.h"
-#include "server/rpc/listen_address.h"
 #include "server/rpc/registration_service.h"
 #include "server/rpc/server_info_service.h"
 #include "server/rpc/task_pool.h"
@@ -21,14 +20,14 @@ namespace saltus::server {
 /// All services, health and reflection on one listener.
 class RpcServer {
  public:
-  /// Listens at once. Throws std::runtime_error when it cannot.
-  RpcServer(const ListenAddress& address, JobManager& jobs, BlobCatalog& blobs, const IdSource& ids,
+  /// Listens at once on an address as gRPC writes it. Throws std::runtime_error when it cannot.
+  RpcServer(const std::string& address, JobManager& jobs, BlobCatalog& blobs, const IdSource& ids,
             const std::string& version);
   /// Ends all calls.
   ~RpcServer();
 
-  /// What clients use as an address; with the port that was chosen.
-  const std::string& address() const { return address_; }
+  /// The port that was chosen; means nothing for a unix socket.
+  int port() const { return port_; }
   /// Health becomes NOT_SERVING; calls still work.
   void set_not_serving();
   /// Takes no new calls, gives those under way until `grace` is over, then cancels them.
@@ -40,7 +39,7 @@ class RpcServer {
   BlobServiceImpl blobs_;
   ServerInfoServiceImpl info_;
   WorkerServiceImpl worker_;
-  std::string address_;
+  int port_ = 0;
   std::unique_ptr<grpc::Server> server_;
 };
 

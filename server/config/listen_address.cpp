@@ -1,4 +1,4 @@
-#include "server/rpc/listen_address.h"
+#include "server/config/listen_address.h"
 
 #include "core/support/errors.h"
 

@@ -1,0 +1,173 @@
+// What every table of jobs must do, whether it keeps them in memory or in SQLite.
+#include "server/store/sqlite_job_store.h"
+#include "tests/support/server_fakes.h"
+#include "tests/support/temporary_folder.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <future>
+
+namespace saltus::server {
+namespace {
+
+using ::testing::ElementsAre;
+using ::testing::IsEmpty;
+
+struct MemoryFactory {
+  testing_support::MemoryStore store;
+  JobStore& get() { return store; }
+};
+
+struct SqliteFactory {
+  testing_support::TemporaryFolder folder;
+  SqliteJobStore store{folder / "db", [](const std::string& reason) { ADD_FAILURE() << reason; }};
+  JobStore& get() { return store; }
+};
+
+template <class Factory>
+class JobTableSuite : public ::testing::Test {
+ protected:
+  void write(const JobStore::Operation& operation) {
+    std::promise<void> done;
+    factory.get().write(operation, [&](std::exception_ptr error) {
+      error ? done.set_exception(error) : done.set_value();
+    });
+    done.get_future().get();
+  }
+  JobRecord insert(const std::string& id, JobState state = JobState::Queued) {
+    JobRecord job;
+    job.id = id;
+    job.state = state;
+    write([&](JobTable& table) { table.insert(job); });
+    return job;
+  }
+  template <class Read>
+  auto read(Read ask) {
+    decltype(ask(std::declval<JobReader&>())) answer;
+    factory.get().read([&](JobReader& reader) { answer = ask(reader); });
+    return answer;
+  }
+
+  Factory factory;
+};
+
+using Factories = ::testing::Types<MemoryFactory, SqliteFactory>;
+TYPED_TEST_SUITE(JobTableSuite, Factories);
+
+TYPED_TEST(JobTableSuite, GivesBackEveryField) {
+  JobRecord job;
+  job.id = "a";
+  job.request_id = "request";
+  job.request_hash = "hash";
+  job.spec = std::string("with \0 inside \xff", 15);
+  job.inputs = {"sha256:1", "sha256:2"};
+  job.labels = {{"case", "7"}, {"side", "left"}};
+  job.threads = 3;
+  job.created = WallTime(std::chrono::milliseconds(1234567890123));
+  this->write([&](JobTable& table) {
+    for (const char* digest : {"sha256:1", "sha256:2", "sha256:3"}) table.insert_blob(digest, 5, job.created);
+    table.insert(job);
+  });
+  job.state = JobState::Failed;
+  job.attempt = 2;
+  job.lost_attempts = 1;
+  job.crashes = 1;
+  job.token_hash = "#token";
+  job.process = "42 1 boot";
+  job.started = WallTime(std::chrono::milliseconds(5));
+  job.ended = WallTime(std::chrono::milliseconds(6));
+  job.failure = JobFailure{"DIVERGED", "it diverged"};
+  job.artifacts = {{"z", "sha256:3", 5}, {"a", "sha256:3", 5}};
+  this->write([&](JobTable& table) { table.update(job); });
+
+  const auto found = *this->read([](JobReader& reader) { return reader.find("a"); });
+  EXPECT_EQ(found.sequence, job.sequence);
+  EXPECT_EQ(found.revision, 2);
+  EXPECT_EQ(found.request_id, job.request_id);
+  EXPECT_EQ(found.request_hash, job.request_hash);
+  EXPECT_EQ(found.spec, job.spec);
+  EXPECT_EQ(found.inputs, job.inputs);
+  EXPECT_EQ(found.labels, job.labels);
+  EXPECT_EQ(found.threads, 3);
+  EXPECT_EQ(found.state, JobState::Failed);
+  EXPECT_EQ(found.attempt, 2);
+  EXPECT_EQ(found.lost_attempts, 1);
+  EXPECT_EQ(found.crashes, 1);
+  EXPECT_EQ(found.token_hash, job.token_hash);
+  EXPECT_EQ(found.process, job.process);
+  EXPECT_EQ(found.created, job.created);
+  EXPECT_EQ(found.started, job.started);
+  EXPECT_EQ(found.ended, job.ended);
+  EXPECT_EQ(found.failure, job.failure);
+  EXPECT_EQ(found.artifacts, job.artifacts);
+}
+
+TYPED_TEST(JobTableSuite, ListsNewestFirstByStateAndFromAnyPlace) {
+  this->insert("a");
+  const auto b = this->insert("b", JobState::Running);
+  this->insert("c");
+  this->insert("d");
+  const auto ids = [&](std::optional<JobState> state, std::int64_t before, int limit) {
+    std::vector<std::string> found;
+    for (const auto& job : this->read([&](JobReader& reader) { return reader.list(state, before, limit); }))
+      found.push_back(job.id);
+    return found;
+  };
+  EXPECT_THAT(ids(std::nullopt, 1000, 10), ElementsAre("d", "c", "b", "a"));
+  EXPECT_THAT(ids(std::nullopt, 1000, 2), ElementsAre("d", "c"));
+  EXPECT_THAT(ids(std::nullopt, b.sequence, 10), ElementsAre("a"));
+  EXPECT_THAT(ids(JobState::Queued, 1000, 10), ElementsAre("d", "c", "a"));
+  EXPECT_THAT(ids(JobState::Failed, 1000, 10), IsEmpty());
+}
+
+TYPED_TEST(JobTableSuite, KnowsTheQueue) {
+  const auto a = this->insert("a", JobState::Succeeded);
+  const auto b = this->insert("b");
+  const auto c = this->insert("c");
+  EXPECT_EQ(this->read([](JobReader& reader) { return reader.count(JobState::Queued); }), 2);
+  EXPECT_THAT(this->read([&](JobReader& reader) { return reader.queued_up_to(b.sequence); }), ElementsAre(b.sequence));
+  EXPECT_THAT(this->read([&](JobReader& reader) { return reader.queued_up_to(c.sequence); }),
+              ElementsAre(b.sequence, c.sequence));
+  this->write([&](JobTable& table) { EXPECT_EQ(table.next_queued()->id, "b"); });
+}
+
+TYPED_TEST(JobTableSuite, JobsWithoutRequestIdDoNotCollide) {
+  this->insert("a");
+  this->insert("b");
+  this->write([&](JobTable& table) { EXPECT_FALSE(table.find_request("").has_value()); });
+}
+
+TYPED_TEST(JobTableSuite, AThrownExceptionUndoesTheOperation) {
+  EXPECT_THROW(this->write([&](JobTable& table) {
+    JobRecord job;
+    job.id = "a";
+    table.insert(job);
+    throw std::invalid_argument("no");
+  }),
+               std::invalid_argument);
+  EXPECT_FALSE(this->read([](JobReader& reader) { return reader.find("a"); }).has_value());
+}
+
+TYPED_TEST(JobTableSuite, KeepsABlobAsLongAsAJobRefersToIt) {
+  JobRecord job;
+  job.id = "a";
+  job.inputs = {"sha256:in"};
+  this->write([&](JobTable& table) {
+    table.insert_blob("sha256:in", 1, {});
+    table.insert_blob("sha256:out", 2, {});
+    table.insert(job);
+    job.artifacts = {{"out", "sha256:out", 2}};
+    table.update(job);
+    EXPECT_FALSE(table.erase_blob_if_unreferenced("sha256:in"));
+    EXPECT_FALSE(table.erase_blob_if_unreferenced("sha256:out"));
+    table.erase("a");
+    EXPECT_TRUE(table.erase_blob_if_unreferenced("sha256:out"));
+    EXPECT_FALSE(table.erase_blob_if_unreferenced("sha256:out"));
+    EXPECT_EQ(table.blob_size("sha256:in"), 1);
+    EXPECT_EQ(table.blob_size("sha256:out"), std::nullopt);
+  });
+}
+
+}  // namespace
+}  // namespace saltus::server

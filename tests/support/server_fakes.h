@@ -1,0 +1,209 @@
+#pragma once
+
+#include "server/jobs/clock.h"
+#include "server/jobs/id_source.h"
+#include "server/jobs/job_store.h"
+#include "server/jobs/launcher.h"
+#include "server/jobs/refusal.h"
+
+#include <algorithm>
+#include <atomic>
+#include <condition_variable>
+#include <map>
+#include <mutex>
+#include <optional>
+#include <set>
+#include <string>
+#include <vector>
+
+namespace saltus::testing_support {
+
+/// A clock that stands still until it is moved.
+class FakeClock final : public server::Clock {
+ public:
+  server::WallTime wall() const override { return server::WallTime(std::chrono::milliseconds(1000000 + elapsed_.load())); }
+  server::SteadyTime steady() const override {
+    return server::SteadyTime(std::chrono::hours(1) + std::chrono::milliseconds(elapsed_.load()));
+  }
+  void advance(std::chrono::milliseconds time) { elapsed_ += time.count(); }
+
+ private:
+  std::atomic<std::int64_t> elapsed_{0};
+};
+
+/// job-1, job-2, ...; token-1, ...; the fingerprint of x is "#x".
+class FakeIds final : public server::IdSource {
+ public:
+  std::string new_job_id(server::WallTime) override { return "job-" + std::to_string(++jobs_); }
+  std::string new_token() override { return "token-" + std::to_string(++tokens_); }
+  std::string fingerprint(const std::string& text) const override { return "#" + text; }
+
+ private:
+  int jobs_ = 0;
+  int tokens_ = 0;
+};
+
+/// Rows in memory. Every method does what the header of JobTable says.
+class MemoryTable final : public server::JobTable {
+ public:
+  using JobRecord = server::JobRecord;
+  using JobState = server::JobState;
+
+  std::optional<JobRecord> find(const std::string& id) override {
+    for (const auto& [sequence, job] : jobs_)
+      if (job.id == id) return job;
+    return std::nullopt;
+  }
+  std::vector<JobRecord> list(std::optional<JobState> state, std::int64_t before, int limit) override {
+    std::vector<JobRecord> found;
+    for (auto it = jobs_.rbegin(); it != jobs_.rend() && static_cast<int>(found.size()) < limit; ++it)
+      if (it->first < before && (!state || it->second.state == *state)) found.push_back(it->second);
+    return found;
+  }
+  std::vector<std::int64_t> queued_up_to(std::int64_t last) override {
+    std::vector<std::int64_t> found;
+    for (const auto& [sequence, job] : jobs_)
+      if (sequence <= last && job.state == JobState::Queued) found.push_back(sequence);
+    return found;
+  }
+  int count(JobState state) override {
+    return static_cast<int>(
+        std::count_if(jobs_.begin(), jobs_.end(), [&](const auto& entry) { return entry.second.state == state; }));
+  }
+  std::optional<std::int64_t> blob_size(const std::string& digest) override {
+    const auto found = blobs_.find(digest);
+    return found == blobs_.end() ? std::nullopt : std::optional(found->second);
+  }
+  std::optional<JobRecord> find_request(const std::string& request_id) override {
+    for (const auto& [sequence, job] : jobs_)
+      if (!request_id.empty() && job.request_id == request_id) return job;
+    return std::nullopt;
+  }
+  std::optional<JobRecord> next_queued() override {
+    for (const auto& [sequence, job] : jobs_)
+      if (job.state == JobState::Queued) return job;
+    return std::nullopt;
+  }
+  void insert(JobRecord& job) override {
+    job.sequence = ++last_sequence_;
+    job.revision = 1;
+    std::sort(job.inputs.begin(), job.inputs.end());
+    jobs_[job.sequence] = job;
+  }
+  void update(JobRecord& job) override {
+    ++job.revision;
+    jobs_.at(job.sequence) = job;
+  }
+  void erase(const std::string& id) override {
+    std::erase_if(jobs_, [&](const auto& entry) { return entry.second.id == id; });
+  }
+  void insert_blob(const std::string& digest, std::int64_t size, server::WallTime) override {
+    blobs_.emplace(digest, size);
+  }
+  bool erase_blob_if_unreferenced(const std::string& digest) override {
+    for (const auto& [sequence, job] : jobs_) {
+      if (std::find(job.inputs.begin(), job.inputs.end(), digest) != job.inputs.end()) return false;
+      for (const auto& artifact : job.artifacts)
+        if (artifact.digest == digest) return false;
+    }
+    return blobs_.erase(digest) > 0;
+  }
+
+ private:
+  std::map<std::int64_t, JobRecord> jobs_;
+  std::map<std::string, std::int64_t> blobs_;
+  std::int64_t last_sequence_ = 0;
+};
+
+/// Runs every operation at once on the calling thread; an exception undoes it. With `refuse_writes`, nothing is kept.
+class MemoryStore final : public server::JobStore {
+ public:
+  void write(Operation operation, Done done) override {
+    std::exception_ptr error;
+    if (refuse_writes) {
+      error = std::make_exception_ptr(server::Refusal(server::RefusalKind::Exhausted, "STORAGE_FULL", "full"));
+    } else {
+      MemoryTable copy = table;
+      try {
+        operation(copy);
+        table = std::move(copy);
+      } catch (...) {
+        error = std::current_exception();
+      }
+    }
+    done(error);
+  }
+  void read(const std::function<void(server::JobReader&)>& operation) override { operation(table); }
+
+  MemoryTable table;
+  bool refuse_writes = false;
+};
+
+/// Starts nothing and remembers what it was asked for. Processes end when the test says so. Thread-safe.
+class FakeLauncher final : public server::Launcher {
+ public:
+  using Key = server::AttemptKey;
+
+  void on_exit(ExitHandler handler) override { handler_ = std::move(handler); }
+  std::string start(const server::LaunchRequest& request) override {
+    std::lock_guard lock(mutex_);
+    if (refuse_starts) throw std::runtime_error("no such program");
+    started_.push_back(request);
+    alive_.insert(request.key);
+    changed_.notify_all();
+    return "process of " + request.key.job_id + " " + std::to_string(request.key.attempt);
+  }
+  bool adopt(const Key& key, const std::string&) override {
+    std::lock_guard lock(mutex_);
+    if (!adoptable.contains(key)) return false;
+    alive_.insert(key);
+    return true;
+  }
+  void terminate(const Key& key) override {
+    std::lock_guard lock(mutex_);
+    terminated_.push_back(key);
+  }
+  void kill(const Key& key) override {
+    std::lock_guard lock(mutex_);
+    killed_.push_back(key);
+  }
+  bool is_idle() const override {
+    std::lock_guard lock(mutex_);
+    return alive_.empty();
+  }
+
+  /// The process ends this way.
+  void end(const Key& key, server::WorkerExit exit) {
+    handler_(key, exit);
+    std::lock_guard lock(mutex_);
+    alive_.erase(key);
+  }
+  /// The start number `count`, from 1. Blocks until it has happened.
+  server::LaunchRequest wait_for_start(std::size_t count) {
+    std::unique_lock lock(mutex_);
+    changed_.wait(lock, [&] { return started_.size() >= count; });
+    return started_[count - 1];
+  }
+  std::vector<server::LaunchRequest> started() const { return copy(started_); }
+  std::vector<Key> terminated() const { return copy(terminated_); }
+  std::vector<Key> killed() const { return copy(killed_); }
+
+  std::atomic<bool> refuse_starts{false};
+  std::set<Key> adoptable;  ///< to be set before the manager recovers
+
+ private:
+  template <class T>
+  std::vector<T> copy(const std::vector<T>& list) const {
+    std::lock_guard lock(mutex_);
+    return list;
+  }
+  ExitHandler handler_;
+  mutable std::mutex mutex_;
+  std::condition_variable changed_;
+  std::vector<server::LaunchRequest> started_;
+  std::vector<Key> terminated_;
+  std::vector<Key> killed_;
+  std::set<Key> alive_;
+};
+
+}  // namespace saltus::testing_support

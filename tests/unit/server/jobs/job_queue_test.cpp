@@ -1,0 +1,227 @@
+#include "server/jobs/job_queue.h"
+#include "server/jobs/refusal.h"
+#include "tests/support/server_fakes.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+namespace saltus::server {
+namespace {
+
+using namespace std::chrono_literals;
+using ::testing::ElementsAre;
+using ::testing::HasSubstr;
+
+const std::string kInput = "sha256:input";
+
+class JobQueueTest : public ::testing::Test {
+ protected:
+  JobQueueTest() { table.insert_blob(kInput, 10, clock.wall()); }
+
+  NewJob asked(const std::string& request_id = "", const std::string& hash = "h") const {
+    NewJob job;
+    job.request_id = request_id;
+    job.request_hash = hash;
+    job.spec = "spec";
+    job.inputs = {kInput};
+    return job;
+  }
+  JobQueue::Taken submit_and_take() {
+    queue.submit(table, asked());
+    return *queue.take_next(table);
+  }
+  JobQueue::Taken take() { return *queue.take_next(table); }
+  static AttemptKey key(const JobQueue::Taken& taken) { return {taken.job.id, taken.job.attempt}; }
+
+  template <class Call>
+  void expect_refused(Call call, RefusalKind kind, const std::string& reason) {
+    try {
+      call();
+      FAIL() << "was granted";
+    } catch (const Refusal& refusal) {
+      EXPECT_EQ(refusal.kind(), kind);
+      EXPECT_EQ(refusal.reason(), reason);
+    }
+  }
+
+  testing_support::FakeClock clock;
+  testing_support::FakeIds ids;
+  testing_support::MemoryTable table;
+  JobQueue queue{clock, ids, {.max_queued = 3, .max_attempts = 3, .max_crashes = 2}};
+};
+
+TEST_F(JobQueueTest, TakesJobsInTheOrderOfTheirCreation) {
+  for (int i = 0; i < 3; ++i) queue.submit(table, asked());
+  EXPECT_EQ(take().job.id, "job-1");
+  EXPECT_EQ(take().job.id, "job-2");
+  EXPECT_EQ(take().job.id, "job-3");
+  EXPECT_FALSE(queue.take_next(table).has_value());
+}
+
+TEST_F(JobQueueTest, ALostJobGoesBackToItsPlaceInTheOrder) {
+  queue.submit(table, asked());
+  queue.submit(table, asked());
+  const auto first = take();
+  queue.lose(table, key(first), LossCause::LeaseExpired, "");
+  const auto again = take();
+  EXPECT_EQ(again.job.id, "job-1");
+  EXPECT_EQ(again.job.attempt, 2);
+  EXPECT_NE(again.token, first.token);
+}
+
+TEST_F(JobQueueTest, StoresTheFingerprintOfATokenAndNotTheToken) {
+  const auto taken = submit_and_take();
+  EXPECT_EQ(table.find(taken.job.id)->token_hash, "#" + taken.token);
+}
+
+TEST_F(JobQueueTest, TheSameRequestIdWithTheSameContentIsTheSameJob) {
+  const auto first = queue.submit(table, asked("r", "a"));
+  EXPECT_EQ(queue.submit(table, asked("r", "a")).id, first.id);
+  EXPECT_EQ(table.count(JobState::Queued), 1);
+  expect_refused([&] { queue.submit(table, asked("r", "b")); }, RefusalKind::AlreadyExists, "REQUEST_ID_REUSED");
+}
+
+TEST_F(JobQueueTest, ARepeatedRequestIsAnsweredEvenWhenTheQueueIsFull) {
+  const auto first = queue.submit(table, asked("r", "a"));
+  for (int i = 0; i < 2; ++i) queue.submit(table, asked());
+  expect_refused([&] { queue.submit(table, asked()); }, RefusalKind::Exhausted, "QUEUE_FULL");
+  EXPECT_EQ(queue.submit(table, asked("r", "a")).id, first.id);
+}
+
+TEST_F(JobQueueTest, RefusesAnInputThatIsNotThere) {
+  NewJob job = asked();
+  job.inputs.push_back("sha256:other");
+  expect_refused([&] { queue.submit(table, job); }, RefusalKind::FailedPrecondition, "INPUT_MISSING");
+}
+
+TEST_F(JobQueueTest, CancellingAQueuedJobEndsItAtOnce) {
+  const auto job = queue.submit(table, asked());
+  EXPECT_EQ(queue.cancel(table, job.id).state, JobState::Cancelled);
+  EXPECT_TRUE(table.find(job.id)->ended.has_value());
+  EXPECT_FALSE(queue.take_next(table).has_value());
+}
+
+TEST_F(JobQueueTest, CancellingIsIdempotentAndATerminalJobIsReturnedUnchanged) {
+  const auto taken = submit_and_take();
+  EXPECT_EQ(queue.cancel(table, taken.job.id).state, JobState::Cancelling);
+  const auto revision = table.find(taken.job.id)->revision;
+  EXPECT_EQ(queue.cancel(table, taken.job.id).state, JobState::Cancelling);
+  EXPECT_EQ(table.find(taken.job.id)->revision, revision);
+  queue.complete(table, key(taken), taken.token, Delivered{});
+  EXPECT_EQ(queue.cancel(table, taken.job.id).state, JobState::Succeeded);
+  expect_refused([&] { queue.cancel(table, "nobody"); }, RefusalKind::NotFound, "JOB_NOT_FOUND");
+}
+
+TEST_F(JobQueueTest, CompletesWithArtefactsThatAreThere) {
+  const auto taken = submit_and_take();
+  const Delivered delivered{{{"displacement.nii.gz", "sha256:out", 5}}};
+  expect_refused([&] { queue.complete(table, key(taken), taken.token, delivered); }, RefusalKind::FailedPrecondition,
+                 "ARTIFACT_MISSING");
+  table.insert_blob("sha256:out", 6, clock.wall());
+  expect_refused([&] { queue.complete(table, key(taken), taken.token, delivered); }, RefusalKind::FailedPrecondition,
+                 "ARTIFACT_MISSING");
+  table.erase_blob_if_unreferenced("sha256:out");
+  table.insert_blob("sha256:out", 5, clock.wall());
+  const auto job = queue.complete(table, key(taken), taken.token, delivered);
+  EXPECT_EQ(job.state, JobState::Succeeded);
+  EXPECT_THAT(job.artifacts, ElementsAre(delivered.artifacts[0]));
+}
+
+TEST_F(JobQueueTest, CompletingTwiceTheSameWayIsOneCompletion) {
+  const auto taken = submit_and_take();
+  const JobFailure failure{"DIVERGED", "it diverged"};
+  queue.complete(table, key(taken), taken.token, failure);
+  const auto revision = table.find(taken.job.id)->revision;
+  EXPECT_EQ(queue.complete(table, key(taken), taken.token, failure).state, JobState::Failed);
+  EXPECT_EQ(table.find(taken.job.id)->revision, revision);
+  expect_refused([&] { queue.complete(table, key(taken), taken.token, Delivered{}); }, RefusalKind::Aborted, "LEASE_LOST");
+}
+
+TEST_F(JobQueueTest, ADeterministicFailureIsNotRetried) {
+  const auto taken = submit_and_take();
+  const auto job = queue.complete(table, key(taken), taken.token, JobFailure{"GEOMETRY_MISMATCH", "no overlap"});
+  EXPECT_EQ(job.state, JobState::Failed);
+  EXPECT_EQ(job.failure->reason, "GEOMETRY_MISMATCH");
+  EXPECT_FALSE(queue.take_next(table).has_value());
+}
+
+TEST_F(JobQueueTest, AZombieCannotComplete) {
+  const auto zombie = submit_and_take();
+  queue.lose(table, key(zombie), LossCause::LeaseExpired, "");
+  expect_refused([&] { queue.complete(table, key(zombie), zombie.token, Delivered{}); }, RefusalKind::Aborted, "LEASE_LOST");
+  const auto current = take();
+  expect_refused([&] { queue.complete(table, key(zombie), zombie.token, Delivered{}); }, RefusalKind::Aborted, "LEASE_LOST");
+  expect_refused([&] { queue.complete(table, key(current), zombie.token, Delivered{}); }, RefusalKind::Aborted, "LEASE_LOST");
+  EXPECT_EQ(queue.complete(table, key(current), current.token, Delivered{}).state, JobState::Succeeded);
+}
+
+TEST_F(JobQueueTest, TheThirdLostAttemptIsTheLast) {
+  queue.submit(table, asked());
+  for (int attempt = 1; attempt <= 2; ++attempt)
+    EXPECT_EQ(queue.lose(table, key(take()), LossCause::LeaseExpired, "")->state, JobState::Queued);
+  const auto job = queue.lose(table, key(take()), LossCause::Exited, "exit code 3");
+  EXPECT_EQ(job->state, JobState::Failed);
+  EXPECT_EQ(job->failure->reason, "ATTEMPTS_EXHAUSTED");
+  EXPECT_THAT(job->failure->message, HasSubstr("exit code 3"));
+}
+
+TEST_F(JobQueueTest, TheSecondDeathBySignalIsPoison) {
+  queue.submit(table, asked());
+  EXPECT_EQ(queue.lose(table, key(take()), LossCause::Crashed, "signal 11")->state, JobState::Queued);
+  const auto job = queue.lose(table, key(take()), LossCause::Crashed, "signal 11");
+  EXPECT_EQ(job->state, JobState::Failed);
+  EXPECT_EQ(job->failure->reason, "WORKER_CRASHED");
+  EXPECT_THAT(job->failure->message, HasSubstr("signal 11"));
+}
+
+TEST_F(JobQueueTest, AShutdownOfTheDaemonCostsNoAttempt) {
+  queue.submit(table, asked());
+  for (int i = 0; i < 5; ++i)
+    EXPECT_EQ(queue.lose(table, key(take()), LossCause::Released, "")->state, JobState::Queued);
+  EXPECT_EQ(table.find("job-1")->lost_attempts, 0);
+  EXPECT_EQ(take().job.attempt, 6);
+}
+
+TEST_F(JobQueueTest, ACancellingJobWhoseWorkerDiesIsCancelled) {
+  for (const LossCause cause : {LossCause::Crashed, LossCause::LeaseExpired, LossCause::Released}) {
+    const auto taken = submit_and_take();
+    queue.cancel(table, taken.job.id);
+    const auto job = queue.lose(table, key(taken), cause, "");
+    EXPECT_EQ(job->state, JobState::Cancelled);
+    EXPECT_FALSE(job->failure.has_value());
+  }
+}
+
+TEST_F(JobQueueTest, AWorkerThatStoppedUnaskedHasLostItsAttempt) {
+  const auto taken = submit_and_take();
+  const auto job = queue.complete(table, key(taken), taken.token, Stopped{});
+  EXPECT_EQ(job.state, JobState::Queued);
+  EXPECT_EQ(job.lost_attempts, 1);
+}
+
+TEST_F(JobQueueTest, ALossIsReportedOnce) {
+  const auto taken = submit_and_take();
+  EXPECT_TRUE(queue.lose(table, key(taken), LossCause::Crashed, "").has_value());
+  EXPECT_FALSE(queue.lose(table, key(taken), LossCause::Crashed, "").has_value());
+  const auto next = take();
+  queue.complete(table, key(next), next.token, Delivered{});
+  EXPECT_FALSE(queue.lose(table, key(next), LossCause::Exited, "exit code 0").has_value());
+}
+
+TEST_F(JobQueueTest, ARunningJobCannotBeRemoved) {
+  const auto taken = submit_and_take();
+  expect_refused([&] { queue.remove(table, taken.job.id); }, RefusalKind::FailedPrecondition, "JOB_RUNNING");
+  queue.cancel(table, taken.job.id);
+  expect_refused([&] { queue.remove(table, taken.job.id); }, RefusalKind::FailedPrecondition, "JOB_RUNNING");
+}
+
+TEST_F(JobQueueTest, RemovingAJobTellsWhichArtefactsItHadEachOnce) {
+  const auto taken = submit_and_take();
+  table.insert_blob("sha256:a", 1, clock.wall());
+  queue.complete(table, key(taken), taken.token, Delivered{{{"x", "sha256:a", 1}, {"y", "sha256:a", 1}}});
+  EXPECT_THAT(queue.remove(table, taken.job.id), ElementsAre("sha256:a"));
+  EXPECT_FALSE(table.find(taken.job.id).has_value());
+}
+
+}  // namespace
+}  // namespace saltus::server
