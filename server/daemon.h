@@ -27,6 +27,7 @@ struct DaemonSettings {
   std::filesystem::path worker;  ///< the worker's program
   ManagerSettings jobs;
   std::string version;
+  std::function<void(const std::string& line)> log = [](const std::string&) {};  ///< from any thread
 };
 
 /// What tests replace. The default of each is the real thing.

@@ -62,6 +62,7 @@ DaemonSettings settings_of(const Config& config) {
   settings.listen = config.listen;
   settings.worker = config.worker;
   settings.version = SALTUS_VERSION;
+  settings.log = [](const std::string& line) { spdlog::info("{}", line); };
   settings.jobs.slots = config.slots;
   settings.jobs.default_threads = config.threads_per_job;
   settings.jobs.lease = config.lease;

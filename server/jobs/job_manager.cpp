@@ -32,7 +32,8 @@ struct JobManager::Change {
 };
 
 JobManager::JobManager(JobStore& store, BlobCatalog& blobs, Launcher& launcher, const Clock& clock, IdSource& ids,
-                       ManagerSettings settings, std::function<void()> wake)
+                       ManagerSettings settings, std::function<void()> wake,
+                       std::function<void(const std::string&)> log)
     : store_(store),
       blobs_(blobs),
       launcher_(launcher),
@@ -40,6 +41,7 @@ JobManager::JobManager(JobStore& store, BlobCatalog& blobs, Launcher& launcher, 
       ids_(ids),
       settings_(settings),
       wake_(std::move(wake)),
+      log_(std::move(log)),
       queue_(clock, ids, settings.queue),
       leases_(settings.lease, settings.cancel_ladder) {
   launcher_.on_exit([this](const AttemptKey& key, const WorkerExit& exit) { worker_ended(key, exit); });
@@ -74,6 +76,8 @@ void JobManager::committed(const Change& change) {
       leases_.cancel(job.id, clock_.steady());
     }
   }
+  log_("job " + job.id + " is " + to_string(job.state) + ", attempt " + std::to_string(job.attempt) +
+       (job.failure ? ", " + job.failure->reason : ""));
   watchers_.changed(job);
   wake_();
 }
@@ -212,10 +216,12 @@ void JobManager::complete(const AttemptKey& key, const std::string& token, const
 }
 
 void JobManager::lose(const AttemptKey& key, LossCause cause, const std::string& detail) {
+  if (cause != LossCause::Exited || detail != "exit code 0")
+    log_("job " + key.job_id + ", attempt " + std::to_string(key.attempt) + ": " + describe(cause, detail));
   write_change([this, key, cause, detail](JobTable& table) { return queue_.lose(table, key, cause, detail); },
                [this, key](std::exception_ptr error, const Change&) {
-                 // Not recorded: the lease stays, so that its expiry tries once more.
                  if (!error) return;
+                 // Not recorded: the lease stays, so that its expiry tries once more.
                  std::lock_guard lock(mutex_);
                  leases_.retry_expiry(key, clock_.steady());
                });

@@ -48,6 +48,8 @@ using Reply = std::function<void(std::exception_ptr error, const T& value)>;
 
 /// Acts on what JobQueue decides: keeps it in the store, tells watchers once it is durable, starts and stops workers.
 ///
+/// `log` gets one line for each change of a job; it may be called from several threads and must not block for long.
+///
 /// Life: construct, recover(), then any call from any thread; tick() from one thread, about every 50 ms and whenever
 /// `wake` asks for it. It has no thread of its own. Store and launcher must stop calling back before it is destroyed.
 /// Replies come from the store's writing thread and must not block. Methods without a reply that touch the store block;
@@ -55,7 +57,7 @@ using Reply = std::function<void(std::exception_ptr error, const T& value)>;
 class JobManager {
  public:
   JobManager(JobStore& store, BlobCatalog& blobs, Launcher& launcher, const Clock& clock, IdSource& ids,
-             ManagerSettings settings, std::function<void()> wake);
+             ManagerSettings settings, std::function<void()> wake, std::function<void(const std::string& line)> log);
 
   /// Takes over what an earlier daemon left: workers that are still there go on, jobs of the others are queued again.
   /// A worker that cannot be found gets one lease of grace to report. Blocks until all is durable.
@@ -105,6 +107,7 @@ class JobManager {
   IdSource& ids_;
   const ManagerSettings settings_;
   const std::function<void()> wake_;
+  const std::function<void(const std::string&)> log_;
   const JobQueue queue_;
   WatchHub watchers_;
 

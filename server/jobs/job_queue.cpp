@@ -40,6 +40,8 @@ void require_blobs(JobTable& table, const std::vector<Artifact>& artifacts) {
   }
 }
 
+}  // namespace
+
 std::string describe(LossCause cause, const std::string& detail) {
   switch (cause) {
     case LossCause::Crashed: return "the worker died by " + detail;
@@ -52,8 +54,6 @@ std::string describe(LossCause cause, const std::string& detail) {
   }
   return detail;
 }
-
-}  // namespace
 
 JobRecord require_job(JobReader& reader, const std::string& id) {
   auto job = reader.find(id);
@@ -157,12 +157,12 @@ std::optional<JobRecord> JobQueue::lose(JobTable& table, const AttemptKey& key, 
     if (job.state == JobState::Failed) {
       const std::string what = describe(cause, detail);
       if (is_poison)
-        job.failure = {"WORKER_CRASHED", what + ", for the second time; the input may be too large for the machine, see the "
-                                                "daemon's log"};
+        job.failure = {"WORKER_CRASHED", what + ", for the second time; the input may be too large for the machine, "
+                                                "what the worker printed is in logs/ of the daemon's folder"};
       else
         job.failure = {"ATTEMPTS_EXHAUSTED", "attempt " + std::to_string(job.lost_attempts) + " of " +
                                                  std::to_string(limits_.max_attempts) + " was lost as well: " + what +
-                                                 "; see the daemon's log"};
+                                                 "; what the worker printed is in logs/ of the daemon's folder"};
     }
   }
   job.process.clear();

@@ -29,6 +29,9 @@ enum class LossCause {
   Released,      ///< the daemon stopped the worker to shut down; does not count
 };
 
+/// A clause for people: "the worker died by signal 9".
+std::string describe(LossCause cause, const std::string& detail);
+
 struct Delivered {
   std::vector<Artifact> artifacts;
 };

@@ -143,6 +143,7 @@ fs::path LocalLauncher::log_file(const AttemptKey& key) const {
 std::string LocalLauncher::start(const LaunchRequest& request) {
   const AttemptKey& key = request.key;
   write_secret(token_file(key), request.token);
+  remove_old_logs();
   const int log = ::open(log_file(key).c_str(), O_WRONLY | O_CREAT | O_TRUNC | O_APPEND | O_CLOEXEC, 0600);
   if (log < 0) fail(errno, "cannot write the worker's log");
   // Held until the worker is listed, so that is_idle() cannot miss it.
@@ -270,6 +271,14 @@ void LocalLauncher::limit_logs() {
     // Workers write in append mode, so they go on at the new end.
     if (!error && static_cast<std::int64_t>(size) > settings_.max_log_bytes) fs::resize_file(log_file(key), 0, error);
   }
+}
+
+void LocalLauncher::remove_old_logs() {
+  std::vector<std::pair<fs::file_time_type, fs::path>> logs;
+  for (const auto& entry : fs::directory_iterator(settings_.logs)) logs.emplace_back(entry.last_write_time(), entry.path());
+  if (logs.size() <= settings_.max_logs) return;
+  std::sort(logs.begin(), logs.end());
+  for (std::size_t i = 0; i < logs.size() - settings_.max_logs; ++i) fs::remove(logs[i].second);
 }
 
 void LocalLauncher::remove_stale_tokens() {

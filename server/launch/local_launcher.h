@@ -19,11 +19,13 @@ struct LocalLauncherSettings {
   std::filesystem::path run;     ///< for token files
   std::filesystem::path logs;    ///< for what workers print
   std::int64_t max_log_bytes = 1 << 20;
+  std::size_t max_logs = 64;  ///< the oldest go first
 };
 
 /// Workers as processes on this machine, each in a process group of its own that is ended with it. The token goes
 /// through a file that only the owner can read: arguments and environment are visible to others. What a worker prints
-/// goes to a file that is emptied when it grows too long, and removed when the worker ends well.
+/// goes to a file that is emptied when it grows too long, and removed when the worker ends well; of the others the
+/// newest are kept.
 ///
 /// A worker outlives the launcher, so that a restarted daemon can adopt it.
 class LocalLauncher final : public Launcher {
@@ -50,6 +52,7 @@ class LocalLauncher final : public Launcher {
   void reap(const AttemptKey& key, Worker& worker);
   void signal(const AttemptKey& key, int number);
   void limit_logs();
+  void remove_old_logs();
   std::filesystem::path token_file(const AttemptKey& key) const;
   std::filesystem::path log_file(const AttemptKey& key) const;
 

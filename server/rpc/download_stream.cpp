@@ -72,7 +72,12 @@ class DownloadStream final : public grpc::ServerWriteReactor<v1::ReadBlobRespons
                         " bytes; begin at 0 or where the last download stopped");
   }
 
-  void finish(std::exception_ptr error) { Finish(status_of(error, context_)); }
+  /// The client must find its place free when it has the answer.
+  void finish(std::exception_ptr error) {
+    reader_.reset();
+    pass_.reset();
+    Finish(status_of(error, context_));
+  }
 
   BlobCatalog& blobs_;
   TaskPool& pool_;

@@ -64,7 +64,12 @@ class UploadStream final : public grpc::ServerReadReactor<v1::WriteBlobRequest> 
     blobs_.commit(upload_, [this](std::exception_ptr error) { finish(error); });
   }
 
-  void finish(std::exception_ptr error) { Finish(status_of(error, context_)); }
+  /// The client must find nothing left and its place free when it has the answer.
+  void finish(std::exception_ptr error) {
+    upload_.reset();
+    pass_.reset();
+    Finish(status_of(error, context_));
+  }
 
   BlobCatalog& blobs_;
   TaskPool& pool_;

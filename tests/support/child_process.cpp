@@ -11,7 +11,7 @@
 #include <fcntl.h>
 #include <poll.h>
 #include <spawn.h>
-#include <sys/pidfd.h>
+#include <sys/syscall.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
@@ -23,8 +23,8 @@ using Clock = std::chrono::steady_clock;
 [[noreturn]] void fail(const std::string& what) { throw std::runtime_error(what + ": " + std::strerror(errno)); }
 
 int milliseconds_until(Clock::time_point until) {
-  return static_cast<int>(std::max<std::int64_t>(
-      0, std::chrono::duration_cast<std::chrono::milliseconds>(until - Clock::now()).count()));
+  return static_cast<int>(
+      std::max<std::int64_t>(0, std::chrono::duration_cast<std::chrono::milliseconds>(until - Clock::now()).count()));
 }
 
 std::vector<std::string> environment_with(const std::map<std::string, std::string>& changes) {
@@ -121,9 +121,11 @@ std::string ChildProcess::wait_for_output(const std::string& text) {
       const auto end = at == std::string::npos ? at : stream->find('\n', at);
       if (end == std::string::npos) continue;
       const auto begin = stream->rfind('\n', at);
-      return stream->substr(begin == std::string::npos ? 0 : begin + 1, end - (begin == std::string::npos ? 0 : begin + 1));
+      return stream->substr(begin == std::string::npos ? 0 : begin + 1,
+                            end - (begin == std::string::npos ? 0 : begin + 1));
     }
-    if (!read_more(until)) throw std::runtime_error("the child ended without '" + text + "'; its output:\n" + out_ + err_);
+    if (!read_more(until))
+      throw std::runtime_error("the child ended without '" + text + "'; its output:\n" + out_ + err_);
   }
 }
 
@@ -149,7 +151,8 @@ std::vector<pid_t> ChildProcess::children() const {
   return found;
 }
 
-ProcessHandle::ProcessHandle(pid_t id) : descriptor_(pidfd_open(id, 0)) {
+// glibc 2.36 declares pidfd_open without C linkage.
+ProcessHandle::ProcessHandle(pid_t id) : descriptor_(static_cast<int>(syscall(SYS_pidfd_open, id, 0))) {
   if (descriptor_ < 0) fail("pidfd_open");
 }
 

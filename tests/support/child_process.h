@@ -17,7 +17,8 @@ namespace saltus::testing_support {
 /// of hanging.
 class ChildProcess {
  public:
-  explicit ChildProcess(const std::vector<std::string>& command, const std::map<std::string, std::string>& environment = {});
+  explicit ChildProcess(const std::vector<std::string>& command,
+                        const std::map<std::string, std::string>& environment = {});
   ~ChildProcess();
   ChildProcess(ChildProcess&& other) noexcept;
   ChildProcess(const ChildProcess&) = delete;

@@ -32,11 +32,14 @@ class DaemonTest : public ::testing::Test {
     if (!parts.launcher) parts.launcher = make_launcher();
     daemon = std::make_unique<server::Daemon>(settings, [](const std::string& reason) { ADD_FAILURE() << reason; },
                                               std::move(parts));
+    connect(daemon->address());
+  }
+  void connect(const std::string& address) {
     // A connection of its own for each daemon: one that has seen the last one go waits before it tries again.
     grpc::ChannelArguments arguments;
     arguments.SetInt(GRPC_ARG_USE_LOCAL_SUBCHANNEL_POOL, 1);
     arguments.SetInt(GRPC_ARG_ENABLE_HTTP_PROXY, 0);
-    channel = grpc::CreateCustomChannel(daemon->address(), grpc::InsecureChannelCredentials(), arguments);
+    channel = grpc::CreateCustomChannel(address, grpc::InsecureChannelCredentials(), arguments);
     jobs = v1::RegistrationService::NewStub(channel);
     blobs = v1::BlobService::NewStub(channel);
     info = v1::ServerInfoService::NewStub(channel);

@@ -91,6 +91,18 @@ TEST_F(LocalLauncherTest, RemovesTheLogOfASuccess) {
   EXPECT_TRUE(fs::is_empty(folder / "logs"));
 }
 
+TEST_F(LocalLauncherTest, KeepsTheNewestLogsOnly) {
+  use_script("exit 1");
+  for (int i = 0; i < 70; ++i) {
+    const auto file = folder.write("logs/old-" + std::to_string(i) + ".log", "x");
+    fs::last_write_time(file, fs::file_time_type::clock::now() - std::chrono::hours(100 - i));
+  }
+  launcher->start({key, "t", 1});
+  exit_of(key);
+  EXPECT_FALSE(fs::exists(folder / "logs/old-5.log"));
+  EXPECT_TRUE(fs::exists(folder / "logs/old-6.log"));
+}
+
 TEST_F(LocalLauncherTest, TellsASignalFromAnExit) {
   use_script("kill -SEGV $$");
   launcher->start({key, "t", 1});

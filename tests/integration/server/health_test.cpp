@@ -1,0 +1,57 @@
+// Health and reflection, which Debian has no generated code for: the messages are written as bytes.
+#include "tests/integration/server/daemon_test.h"
+
+#include <gmock/gmock.h>
+#include <grpcpp/generic/generic_stub.h>
+
+namespace saltus::server {
+namespace {
+
+class Health : public testing_support::DaemonTest {
+ protected:
+  /// Sends one message and returns the first answer.
+  std::string ask(const std::string& method, const std::string& bytes) {
+    grpc::GenericStub stub(channel);
+    grpc::ClientContext context;
+    grpc::CompletionQueue queue;
+    const auto next = [&] {
+      void* tag = nullptr;
+      bool is_ok = false;
+      return queue.Next(&tag, &is_ok) && is_ok;
+    };
+    const auto call = stub.PrepareCall(&context, method, &queue);
+    call->StartCall(nullptr);
+    EXPECT_TRUE(next());
+    const grpc::Slice slice(bytes);
+    call->WriteLast(grpc::ByteBuffer(&slice, 1), {}, nullptr);
+    EXPECT_TRUE(next());
+    grpc::ByteBuffer answer;
+    call->Read(&answer, nullptr);
+    EXPECT_TRUE(next());
+    grpc::Status status;
+    call->Finish(&status, nullptr);
+    EXPECT_TRUE(next());
+    EXPECT_TRUE(status.ok()) << status.error_message();
+    grpc::Slice whole;
+    EXPECT_TRUE(answer.DumpToSingleSlice(&whole).ok());
+    return {reinterpret_cast<const char*>(whole.begin()), whole.size()};
+  }
+};
+
+// HealthCheckResponse{status = 1 (SERVING)}
+TEST_F(Health, IsServing) {
+  start();
+  EXPECT_EQ(ask("/grpc.health.v1.Health/Check", ""), "\x08\x01");
+}
+
+// ServerReflectionRequest{list_services = ""}
+TEST_F(Health, ReflectionListsTheServices) {
+  start();
+  const std::string answer = ask("/grpc.reflection.v1alpha.ServerReflection/ServerReflectionInfo", std::string("\x3a\0", 2));
+  for (const char* service : {"saltus.v1.RegistrationService", "saltus.v1.BlobService", "saltus.v1.ServerInfoService",
+                              "saltus.v1.WorkerService", "grpc.health.v1.Health"})
+    EXPECT_THAT(answer, ::testing::HasSubstr(service));
+}
+
+}  // namespace
+}  // namespace saltus::server
