@@ -39,7 +39,7 @@ Interrupts::Interrupts(std::function<void(int)> on_interrupt) : on_interrupt_(st
       on_interrupt_(++count_);
     }
   });
-  struct sigaction action{};
+  struct sigaction action {};
   action.sa_handler = on_signal;
   action.sa_flags = SA_RESTART;
   sigaction(SIGINT, &action, &former_int);

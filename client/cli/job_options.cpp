@@ -113,9 +113,9 @@ std::string parameter_table(const JobOptions& options) {
   std::ostringstream table;
   const auto row = [&](const std::string& name, const std::string& value, const std::string& unit,
                        const std::string& range, const std::string& description) {
-    table << std::left << std::setw(static_cast<int>(widths[0]) + 2) << name << std::setw(static_cast<int>(widths[1]) + 2)
-          << value << std::setw(static_cast<int>(widths[2]) + 2) << unit << std::setw(static_cast<int>(widths[3]) + 2)
-          << range << description << '\n';
+    table << std::left << std::setw(static_cast<int>(widths[0]) + 2) << name
+          << std::setw(static_cast<int>(widths[1]) + 2) << value << std::setw(static_cast<int>(widths[2]) + 2) << unit
+          << std::setw(static_cast<int>(widths[3]) + 2) << range << description << '\n';
   };
   row("name", "value", "unit", "range", "description");
   for (const ParameterInfo& p : parameters) row(p.name, p.value, p.unit, p.range, p.description);

@@ -23,8 +23,8 @@ struct JobOptions {
   std::string similarity = "lncc";
   std::string preset = "balanced";
   std::string affine = "none";
-  std::string intensity_window;  ///< "LO,HI" or ""
-  std::string crop;              ///< "x0,y0[,z0]:x1,y1[,z1]" or ""
+  std::string intensity_window;       ///< "LO,HI" or ""
+  std::string crop;                   ///< "x0,y0[,z0]:x1,y1[,z1]" or ""
   std::vector<std::string> settings;  ///< NAME=VALUE each, or the one word "help"
   std::string format = "nii.gz";
   int threads = 0;

@@ -29,7 +29,9 @@ std::string time_text(const google::protobuf::Timestamp& time) {
   return google::protobuf::util::TimeUtil::ToString(seconds);
 }
 
-nlohmann::json input_json(const v1::InputFile& input) { return {{"digest", input.digest()}, {"format", input.format()}}; }
+nlohmann::json input_json(const v1::InputFile& input) {
+  return {{"digest", input.digest()}, {"format", input.format()}};
+}
 
 nlohmann::json spec_json(const v1::RegistrationSpec& spec) {
   nlohmann::json json{{"fixed", input_json(spec.fixed())},
@@ -96,7 +98,8 @@ nlohmann::json job_json(const v1::RegistrationJob& job) {
   if (job.state() == v1::JOB_STATE_SUCCEEDED) {
     json["artifacts"] = nlohmann::json::array();
     for (const auto& artifact : job.artifacts())
-      json["artifacts"].push_back({{"name", artifact.name()}, {"digest", artifact.digest()}, {"size", artifact.size()}});
+      json["artifacts"].push_back(
+          {{"name", artifact.name()}, {"digest", artifact.digest()}, {"size", artifact.size()}});
   }
   if (job.has_create_time()) json["create_time"] = time_text(job.create_time());
   if (job.has_start_time()) json["start_time"] = time_text(job.start_time());
@@ -133,14 +136,15 @@ std::string job_table(const std::vector<v1::RegistrationJob>& jobs) {
   for (const auto& job : jobs) id_width = std::max(id_width, job.id().size());
   std::ostringstream table;
   const auto row = [&](const auto& id, const auto& state, const auto& done, const auto& created, const auto& what) {
-    table << std::left << std::setw(static_cast<int>(id_width) + 2) << id << std::setw(12) << state << std::setw(7) << done
-          << std::setw(22) << created << what << '\n';
+    table << std::left << std::setw(static_cast<int>(id_width) + 2) << id << std::setw(12) << state << std::setw(7)
+          << done << std::setw(22) << created << what << '\n';
   };
   row("ID", "STATE", "DONE", "CREATED", "WHAT");
   for (const auto& job : jobs) {
     std::string done = "-";
     if (job.state() == v1::JOB_STATE_SUCCEEDED) done = "100 %";
-    if (job.state() == v1::JOB_STATE_RUNNING) done = std::to_string(std::lround(100 * job.progress().fraction())) + " %";
+    if (job.state() == v1::JOB_STATE_RUNNING)
+      done = std::to_string(std::lround(100 * job.progress().fraction())) + " %";
     row(job.id(), state_name(job.state()), done, time_text(job.create_time()),
         job.spec().model() + " " + job.spec().similarity() + " " + job.spec().preset());
   }

@@ -41,9 +41,7 @@ void add_list_command(CLI::App& app, int& exit_code) {
   CLI::App* command = app.add_subcommand("list", "Print the newest jobs of a server");
   auto options = std::make_shared<ListOptions>();
   command->add_option("--state", options->state, "Only jobs in this state, e.g. running");
-  command->add_option("--limit", options->limit, "How many at most")
-      ->check(CLI::PositiveNumber)
-      ->capture_default_str();
+  command->add_option("--limit", options->limit, "How many at most")->check(CLI::PositiveNumber)->capture_default_str();
   add_server_option(*command, options->server);
   command->add_flag("--json", options->as_json, "Print a JSON array");
   command->footer("Example:\n  saltus list --state failed --limit 10");

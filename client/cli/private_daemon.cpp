@@ -87,7 +87,8 @@ fs::path find_daemon() {
   }
   for (const fs::path& folder : folders)
     if (const fs::path program = folder / "saltusd"; access(program.c_str(), X_OK) == 0) return program;
-  throw FileError("saltusd is not found beside this program, on the PATH or in $SALTUS_BIN; set SALTUS_BIN to its folder");
+  throw FileError(
+      "saltusd is not found beside this program, on the PATH or in $SALTUS_BIN; set SALTUS_BIN to its folder");
 }
 
 PrivateDaemon::PrivateDaemon() {
@@ -123,7 +124,7 @@ void PrivateDaemon::start(const fs::path& program) {
   posix_spawnattr_setpgroup(&attributes, 0);
   posix_spawnattr_setflags(&attributes, POSIX_SPAWN_SETPGROUP);
 
-  std::vector<std::string> words{program, "--listen", address_, "--data-dir", folder_ / "data", "--exit-on-stdin-close"};
+  std::vector<std::string> words{program, "--listen", address_, "--data", folder_ / "data", "--exit-on-stdin-close"};
   std::vector<char*> arguments;
   for (std::string& word : words) arguments.push_back(word.data());
   arguments.push_back(nullptr);

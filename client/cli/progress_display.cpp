@@ -39,8 +39,8 @@ std::string details(const v1::RegistrationJob& job) {
   } else {
     text << stage_name(progress.stage());
     if (is_running(job) && progress.levels() > 0)
-      text << ", level " << progress.level() << '/' << progress.levels() << ", iteration " << progress.iteration() << '/'
-           << progress.max_iterations() << ", energy " << progress.energy();
+      text << ", level " << progress.level() << '/' << progress.levels() << ", iteration " << progress.iteration()
+           << '/' << progress.max_iterations() << ", energy " << progress.energy();
   }
   return text.str();
 }
@@ -88,7 +88,7 @@ std::string progress_bar(const v1::RegistrationJob& job, int columns) {
   return bar;
 }
 
-void ProgressDisplay::show(const v1::RegistrationJob& job) {
+void ProgressDisplay::show(const v1::RegistrationJob& job, std::chrono::steady_clock::time_point now) {
   if (style_ == DisplayStyle::Bar) {
     // One column is left free: a full last column would wrap on some terminals.
     out_ << '\r' << progress_bar(job, terminal_columns() - 1) << "\x1b[K" << std::flush;
@@ -98,7 +98,6 @@ void ProgressDisplay::show(const v1::RegistrationJob& job) {
   const std::string line = progress_line(job);
   std::ostringstream phase;
   phase << job.state() << ' ' << job.progress().stage() << ' ' << job.progress().level();
-  const auto now = std::chrono::steady_clock::now();
   if (line == last_line_ || (phase.str() == last_phase_ && now - last_time_ < std::chrono::seconds(1))) return;
   out_ << line << std::endl;
   last_line_ = line;

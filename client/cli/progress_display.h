@@ -26,7 +26,8 @@ class ProgressDisplay {
   ProgressDisplay(std::ostream& out, DisplayStyle style) : out_(out), style_(style) {}
   ~ProgressDisplay() { finish(); }
 
-  void show(const v1::RegistrationJob& job);
+  void show(const v1::RegistrationJob& job,
+            std::chrono::steady_clock::time_point now = std::chrono::steady_clock::now());
   /// Ends the bar's line; nothing for plain lines.
   void finish();
 

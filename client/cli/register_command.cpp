@@ -87,7 +87,8 @@ int register_on(const std::string& address, const RegisterOptions& options, v1::
     v1::RegistrationJob job = interruptible.create(spec);
     {
       ProgressDisplay display(std::cerr, display_style_of_stderr());
-      job = client.watch(job.id(), [&display](const v1::RegistrationJob& now) { display.show(now); }, watch_patience);
+      job = client.watch(
+          job.id(), [&display](const v1::RegistrationJob& now) { display.show(now); }, watch_patience);
     }
     if (const int code = exit_code_of(job); code != Done) return code;
     fetch_artifacts(client, job, options.out);
@@ -126,8 +127,9 @@ void add_register_command(CLI::App& app, int& exit_code) {
   add_job_options(*command, options->job);
   command->add_option("--out", options->out, "Folder for the result, made if need be (required)")->type_name("DIR");
   // SALTUS_SERVER is for the commands that need a server; here none means a private one.
-  command->add_option("--server", options->server,
-                      "Address of saltusd, unix:/path or host:port; without it a private one is started and stopped")
+  command
+      ->add_option("--server", options->server,
+                   "Address of saltusd, unix:/path or host:port; without it a private one is started and stopped")
       ->type_name("ADDRESS");
   command->add_flag("--json", options->as_json, "Print job and report as JSON");
   command->footer(

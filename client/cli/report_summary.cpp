@@ -5,8 +5,26 @@
 #include <nlohmann/json.hpp>
 
 #include <fstream>
+#include <iomanip>
+#include <sstream>
 
 namespace saltus::cli {
+namespace {
+
+/// The number at `path`, e.g. "/jacobian/min", in three significant digits; "-" when the report does not have it.
+std::string number(const nlohmann::json& report, const std::string& path, double factor = 1) {
+  const nlohmann::json::json_pointer pointer(path);
+  if (!report.contains(pointer) || !report.at(pointer).is_number()) return "-";
+  std::ostringstream text;
+  text << std::setprecision(3) << factor * report.at(pointer).get<double>();
+  return text.str();
+}
+
+std::string word(const nlohmann::json& report, const std::string& name) {
+  return report.contains(name) && report.at(name).is_string() ? report.at(name).get<std::string>() : "-";
+}
+
+}  // namespace
 
 nlohmann::json read_report(const std::filesystem::path& file) {
   std::ifstream in(file);
@@ -18,6 +36,25 @@ nlohmann::json read_report(const std::filesystem::path& file) {
   }
 }
 
-std::string report_summary(const nlohmann::json& report) { return report.dump(2); }
+std::string report_summary(const nlohmann::json& report) {
+  std::ostringstream text;
+  const auto line = [&text](const std::string& name, const std::string& value) {
+    text << std::left << std::setw(14) << name << value << '\n';
+  };
+  line("model", word(report, "model") + ", " + word(report, "similarity") + ", " + word(report, "preset"));
+  line("ended", word(report, "termination") + " after " + number(report, "/seconds/wall") + " s (" +
+                    number(report, "/seconds/cpu") + " s of CPU, " + number(report, "/peak_memory_bytes", 1e-6) +
+                    " MB)");
+  line("similarity", number(report, "/similarity_value/before") + " -> " + number(report, "/similarity_value/after"));
+  if (report.contains("landmark_error_mm"))
+    line("landmarks", number(report, "/landmark_error_mm/before/mean") + " -> " +
+                          number(report, "/landmark_error_mm/after/mean") + " mm mean error");
+  line("displacement",
+       number(report, "/displacement_mm/mean") + " mm mean, " + number(report, "/displacement_mm/max") + " mm at most");
+  line("jacobian", number(report, "/jacobian/min") + " to " + number(report, "/jacobian/max") + ", " +
+                       number(report, "/jacobian/share_not_positive", 100) + " % not positive");
+  line("inverse", number(report, "/inverse_consistency_mm") + " mm median error");
+  return text.str();
+}
 
 }  // namespace saltus::cli

@@ -18,8 +18,9 @@ std::vector<std::filesystem::path> fetch_artifacts(client::RegistrationClient& c
     const std::filesystem::path name = artifact.name();
     // The names come over the wire; one that leaves the folder is never followed.
     if (name.empty() || name != name.filename() || name == "." || name == "..")
-      throw client::ClientError(grpc::StatusCode::DATA_LOSS, "BAD_ARTIFACT_NAME",
-                                "the server offers an artefact called " + artifact.name() + ", which is not a file name");
+      throw client::ClientError(
+          grpc::StatusCode::DATA_LOSS, "BAD_ARTIFACT_NAME",
+          "the server offers an artefact called " + artifact.name() + ", which is not a file name");
     client.download(artifact, folder / name);
     files.push_back(folder / name);
   }

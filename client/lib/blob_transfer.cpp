@@ -95,9 +95,8 @@ FileDigest BlobTransfer::upload(const std::filesystem::path& file) {
   v1::FindMissingBlobsRequest question;
   question.add_digests(what.digest);
   v1::FindMissingBlobsResponse answer;
-  call(settings_, CallKind::Unary, [&](grpc::ClientContext& context, bool&) {
-    return stub_->FindMissingBlobs(&context, question, &answer);
-  });
+  call(settings_, CallKind::Unary,
+       [&](grpc::ClientContext& context, bool&) { return stub_->FindMissingBlobs(&context, question, &answer); });
   if (answer.missing().empty()) return what;
   call(settings_, CallKind::Stream,
        [&](grpc::ClientContext& context, bool&) { return send_file(*stub_, context, file, what); });
@@ -118,10 +117,8 @@ void BlobTransfer::download(const std::string& digest, const std::filesystem::pa
     while (reader->Read(&response)) {
       if (response.offset() != offset || crc32c(response.data()) != response.crc32c()) {
         context.TryCancel();
-        while (reader->Read(&response)) continue;
-        reader->Finish();
-        return grpc::Status(grpc::StatusCode::DATA_LOSS,
-                            "the bytes of " + digest + " were changed on their way at offset " + std::to_string(offset));
+        throw ClientError(grpc::StatusCode::DATA_LOSS, "BYTES_CHANGED",
+                          "the bytes of " + digest + " were changed on their way at offset " + std::to_string(offset));
       }
       pending.append(response.data());
       sha.add(response.data());

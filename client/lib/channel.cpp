@@ -18,7 +18,8 @@ using Clock = std::chrono::steady_clock;
 
 std::chrono::milliseconds shortened_at_random(std::chrono::milliseconds delay) {
   thread_local std::minstd_rand generator{std::random_device{}()};
-  return std::chrono::milliseconds(std::uniform_int_distribution<std::int64_t>(delay.count() / 2, delay.count())(generator));
+  return std::chrono::milliseconds(
+      std::uniform_int_distribution<std::int64_t>(delay.count() / 2, delay.count())(generator));
 }
 
 }  // namespace

@@ -1,0 +1,77 @@
+#include "client/cli/command_line.h"
+
+#include "client/cli/command.h"
+
+#include <gmock/gmock.h>
+
+#include <cstdlib>
+#include <vector>
+
+namespace saltus::cli {
+namespace {
+
+using testing::HasSubstr;
+
+struct Outcome {
+  int exit_code;
+  std::string out, err;
+};
+
+Outcome run(std::vector<const char*> arguments) {
+  arguments.insert(arguments.begin(), "saltus");
+  testing::internal::CaptureStdout();
+  testing::internal::CaptureStderr();
+  const int exit_code = run_command_line(static_cast<int>(arguments.size()), arguments.data());
+  return {exit_code, testing::internal::GetCapturedStdout(), testing::internal::GetCapturedStderr()};
+}
+
+class CommandLine : public testing::Test {
+ protected:
+  void SetUp() override { unsetenv("SALTUS_SERVER"); }
+};
+
+TEST_F(CommandLine, HelpsEverywhere) {
+  EXPECT_THAT(run({"--help"}).out, HasSubstr("register"));
+  for (const char* command : {"register", "submit", "watch", "list", "get", "fetch", "cancel", "delete"}) {
+    const Outcome outcome = run({command, "--help"});
+    EXPECT_EQ(outcome.exit_code, Done) << command;
+    EXPECT_THAT(outcome.out, HasSubstr("Example")) << command;
+    EXPECT_THAT(outcome.out, HasSubstr("--json")) << command;
+    EXPECT_THAT(outcome.out, HasSubstr("--server")) << command;
+  }
+}
+
+TEST_F(CommandLine, RefusesWhatItDoesNotKnow) {
+  EXPECT_EQ(run({}).exit_code, Usage);
+  EXPECT_EQ(run({"regsiter"}).exit_code, Usage);
+  EXPECT_EQ(run({"get"}).exit_code, Usage);
+  EXPECT_EQ(run({"get", "id", "--jsn"}).exit_code, Usage);
+}
+
+TEST_F(CommandLine, AsksForAServerWhereItNeedsOne) {
+  const Outcome outcome = run({"get", "id"});
+  EXPECT_EQ(outcome.exit_code, Usage);
+  EXPECT_THAT(outcome.err, HasSubstr("SALTUS_SERVER"));
+  EXPECT_THAT(run({"get", "id", "--server", "nonsense"}).err, HasSubstr("nonsense"));
+}
+
+TEST_F(CommandLine, TakesTheServerFromTheEnvironment) {
+  setenv("SALTUS_SERVER", "nonsense", 1);
+  EXPECT_THAT(run({"get", "id"}).err, HasSubstr("nonsense"));
+}
+
+TEST_F(CommandLine, NamesAFileThatIsNotThere) {
+  const Outcome outcome = run({"register", "--fixed", "/nowhere.mha", "--moving", "/nowhere.mha", "--out", "x"});
+  EXPECT_EQ(outcome.exit_code, Usage);
+  EXPECT_THAT(outcome.err, HasSubstr("/nowhere.mha"));
+}
+
+TEST_F(CommandLine, ListsTheParametersWithoutImages) {
+  const Outcome outcome = run({"register", "--model", "wendland1", "--set", "help"});
+  EXPECT_EQ(outcome.exit_code, Done);
+  EXPECT_THAT(outcome.out, HasSubstr("time_steps"));
+  EXPECT_EQ(run({"register", "--model", "demons", "--set", "help"}).exit_code, Usage);
+}
+
+}  // namespace
+}  // namespace saltus::cli

@@ -1,0 +1,192 @@
+#include "client/lib/blob_transfer.h"
+
+#include "client/lib/client_error.h"
+#include "tests/support/fake_daemon.h"
+
+#include <map>
+
+namespace saltus::client {
+namespace {
+
+using testing_support::content_of;
+using testing_support::digest_of;
+using testing_support::FakeDaemon;
+using testing_support::TemporaryFolder;
+
+/// Keeps blobs in memory; can cut a transfer or spoil a byte, once.
+class FakeBlobs : public v1::BlobService::Service {
+ public:
+  std::map<std::string, std::string> blobs;
+  std::vector<std::int64_t> read_offsets;
+  int cut_reads_after = -1;   ///< messages of the first read; -1: never
+  int cut_writes_after = -1;  ///< the same for writes
+  bool spoil_data = false;
+  int writes = 0;
+  std::size_t longest_message = 0;
+
+  grpc::Status FindMissingBlobs(grpc::ServerContext*, const v1::FindMissingBlobsRequest* request,
+                                v1::FindMissingBlobsResponse* response) override {
+    for (const std::string& digest : request->digests())
+      if (!blobs.count(digest)) response->add_missing(digest);
+    return grpc::Status::OK;
+  }
+
+  grpc::Status WriteBlob(grpc::ServerContext*, grpc::ServerReader<v1::WriteBlobRequest>* reader,
+                         v1::WriteBlobResponse* response) override {
+    ++writes;
+    v1::WriteBlobRequest request;
+    std::string digest, data;
+    std::int64_t size = -1;
+    for (int message = 0; reader->Read(&request); ++message) {
+      if (message == cut_writes_after) {
+        cut_writes_after = -1;
+        return {grpc::StatusCode::UNAVAILABLE, "cut"};
+      }
+      if (message == 0) {
+        digest = request.digest();
+        size = request.size();
+      } else if (!request.digest().empty() || request.size() != 0) {
+        return {grpc::StatusCode::INVALID_ARGUMENT, "digest and size belong to the first message"};
+      }
+      longest_message = std::max(longest_message, request.data().size());
+      data += request.data();
+    }
+    if (digest_of(data) != digest || static_cast<std::int64_t>(data.size()) != size)
+      return {grpc::StatusCode::INVALID_ARGUMENT, "digest or size differ"};
+    blobs[digest] = data;
+    response->set_digest(digest);
+    return grpc::Status::OK;
+  }
+
+  grpc::Status ReadBlob(grpc::ServerContext*, const v1::ReadBlobRequest* request,
+                        grpc::ServerWriter<v1::ReadBlobResponse>* writer) override {
+    read_offsets.push_back(request->offset());
+    const auto found = blobs.find(request->digest());
+    if (found == blobs.end()) return {grpc::StatusCode::NOT_FOUND, "no blob " + request->digest()};
+    const std::string& data = found->second;
+    constexpr std::size_t chunk = 1000;
+    int message = 0;
+    for (auto at = static_cast<std::size_t>(request->offset()); at < data.size(); at += chunk, ++message) {
+      if (message == cut_reads_after) {
+        cut_reads_after = -1;
+        return {grpc::StatusCode::UNAVAILABLE, "cut"};
+      }
+      v1::ReadBlobResponse response;
+      response.set_offset(static_cast<std::int64_t>(at));
+      response.set_size(static_cast<std::int64_t>(data.size()));
+      response.set_data(data.substr(at, chunk));
+      response.set_crc32c(crc32c(response.data()));
+      if (spoil_data) (*response.mutable_data())[0] ^= 1;
+      writer->Write(response);
+    }
+    return grpc::Status::OK;
+  }
+};
+
+std::string many_bytes(std::size_t count) {
+  std::string data(count, '\0');
+  std::uint32_t state = 12345;
+  for (char& byte : data) byte = static_cast<char>((state = state * 1664525u + 1013904223u) >> 24);
+  return data;
+}
+
+class BlobTransferTest : public testing::Test {
+ protected:
+  FakeBlobs service;
+  FakeDaemon daemon{&service};
+  TemporaryFolder folder;
+  BlobTransfer transfer{make_channel(daemon.settings().address), daemon.settings()};
+};
+
+TEST_F(BlobTransferTest, SendsAFileInMessagesOfOneMebibyte) {
+  const std::string data = many_bytes(2'500'000);
+  const FileDigest sent = transfer.upload(folder.write("image", data));
+  EXPECT_EQ(sent.digest, digest_of(data));
+  EXPECT_EQ(sent.size, 2'500'000);
+  EXPECT_TRUE(service.blobs.at(sent.digest) == data);
+  EXPECT_EQ(service.longest_message, std::size_t{1} << 20);
+}
+
+TEST_F(BlobTransferTest, SendsAnEmptyFile) {
+  const FileDigest sent = transfer.upload(folder.write("empty", ""));
+  EXPECT_EQ(service.blobs.at(sent.digest), "");
+}
+
+TEST_F(BlobTransferTest, SendsNothingThatTheDaemonHas) {
+  const auto file = folder.write("image", "abc");
+  transfer.upload(file);
+  transfer.upload(file);
+  EXPECT_EQ(service.writes, 1);
+}
+
+TEST_F(BlobTransferTest, BeginsACutUploadAgain) {
+  service.cut_writes_after = 1;
+  const std::string data = many_bytes(2'500'000);
+  const FileDigest sent = transfer.upload(folder.write("image", data));
+  EXPECT_EQ(service.writes, 2);
+  EXPECT_TRUE(service.blobs.at(sent.digest) == data);
+}
+
+TEST_F(BlobTransferTest, GoesOnWithACutDownloadWhereItStopped) {
+  const std::string data = many_bytes(10'500);
+  service.blobs[digest_of(data)] = data;
+  service.cut_reads_after = 4;
+  transfer.download(digest_of(data), folder / "copy");
+  EXPECT_TRUE(content_of(folder / "copy") == data);
+  EXPECT_EQ(service.read_offsets, (std::vector<std::int64_t>{0, 4000}));
+  EXPECT_EQ(folder.count(), 1u) << "temporary files are left";
+}
+
+TEST_F(BlobTransferTest, RefusesSpoiledBytesAndLeavesNoFile) {
+  const std::string data = many_bytes(5'000);
+  service.blobs[digest_of(data)] = data;
+  service.spoil_data = true;
+  try {
+    transfer.download(digest_of(data), folder / "copy");
+    FAIL() << "no error";
+  } catch (const ClientError& error) {
+    EXPECT_EQ(error.code(), grpc::StatusCode::DATA_LOSS);
+    EXPECT_EQ(error.reason(), "BYTES_CHANGED");
+  }
+  EXPECT_EQ(folder.count(), 0u);
+}
+
+TEST_F(BlobTransferTest, RefusesBytesOfAnotherDigest) {
+  const std::string wanted = digest_of("wanted");
+  service.blobs[wanted] = "something else";
+  try {
+    transfer.download(wanted, folder / "copy");
+    FAIL() << "no error";
+  } catch (const ClientError& error) {
+    EXPECT_EQ(error.reason(), "DIGEST_MISMATCH");
+  }
+  EXPECT_EQ(folder.count(), 0u);
+}
+
+TEST_F(BlobTransferTest, SaysWhenThereIsNoSuchBlob) {
+  try {
+    transfer.download(digest_of("unknown"), folder / "copy");
+    FAIL() << "no error";
+  } catch (const ClientError& error) {
+    EXPECT_EQ(error.code(), grpc::StatusCode::NOT_FOUND);
+  }
+}
+
+TEST(BlobTransfer, StopsWaitingForADaemonThatIsAwayWhenAsked) {
+  TemporaryFolder folder;
+  std::stop_source stop;
+  CallSettings settings{.address = "unix:" + (folder / "nobody").string(), .retry = {}, .stop = stop.get_token()};
+  settings.retry.first_delay = settings.retry.longest_delay = std::chrono::hours(1);
+  settings.retry.patience = std::chrono::hours(2);
+  BlobTransfer transfer(make_channel(settings.address), settings);
+  stop.request_stop();
+  try {
+    transfer.upload(folder.write("image", "abc"));
+    FAIL() << "no error";
+  } catch (const ClientError& error) {
+    EXPECT_EQ(error.code(), grpc::StatusCode::CANCELLED);
+  }
+}
+
+}  // namespace
+}  // namespace saltus::client
