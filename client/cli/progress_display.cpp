@@ -38,9 +38,12 @@ std::string details(const v1::RegistrationJob& job) {
     text << name;
   } else {
     text << stage_name(progress.stage());
-    if (is_running(job) && progress.levels() > 0)
+    if (is_running(job) && progress.levels() > 0) {
       text << ", level " << progress.level() << '/' << progress.levels() << ", iteration " << progress.iteration()
-           << '/' << progress.max_iterations() << ", energy " << progress.energy();
+           << '/' << progress.max_iterations();
+      // Until a level has its first value there is none to tell.
+      if (progress.energy() != 0) text << ", energy " << progress.energy();
+    }
   }
   return text.str();
 }

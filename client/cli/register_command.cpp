@@ -34,35 +34,35 @@ struct RegisterOptions {
 /// cancel that fails, cuts calls off.
 class InterruptibleJob {
  public:
-  explicit InterruptibleJob(const std::string& address)
-      : canceller_(call_settings(address)), interrupts_([this](int count) { on_interrupt(count); }) {}
+  InterruptibleJob() : interrupts_([this](int count) { on_interrupt(count); }) {}
 
   std::stop_token stop_token() const { return stop_.get_token(); }
   bool is_interrupted() const { return interrupts_.count() > 0; }
 
-  v1::RegistrationJob create(const v1::RegistrationSpec& spec) {
-    const v1::RegistrationJob job = canceller_.create(spec);
+  v1::RegistrationJob create(const std::string& address, const v1::RegistrationSpec& spec) {
+    {
+      std::lock_guard lock(mutex_);
+      if (is_interrupted()) throw client::ClientError(grpc::StatusCode::CANCELLED, "STOPPED", "interrupted");
+      client_.emplace(call_settings(address));
+    }
+    const v1::RegistrationJob job = client_->create(spec);
     std::lock_guard lock(mutex_);
     id_ = job.id();
     if (is_interrupted()) cancel();
     return job;
   }
-  void begin_creating() {
-    std::lock_guard lock(mutex_);
-    is_creating_ = true;
-  }
 
  private:
   void on_interrupt(int count) {
     std::lock_guard lock(mutex_);
-    if (count > 1 || !is_creating_)
+    if (count > 1 || !client_)
       stop_.request_stop();
     else if (id_)
       cancel();
   }
   void cancel() {
     try {
-      canceller_.cancel(*id_);
+      client_->cancel(*id_);
     } catch (const client::ClientError& error) {
       std::cerr << "saltus: job " << *id_ << " could not be cancelled: " << error.what() << std::endl;
       stop_.request_stop();
@@ -70,40 +70,30 @@ class InterruptibleJob {
   }
 
   std::mutex mutex_;
-  bool is_creating_ = false;
-  std::optional<std::string> id_;
   std::stop_source stop_;
-  client::RegistrationClient canceller_;
+  std::optional<client::RegistrationClient> client_;  ///< from the moment the job is being made; has no stop token
+  std::optional<std::string> id_;
   Interrupts interrupts_;
 };
 
 int register_on(const std::string& address, const RegisterOptions& options, v1::RegistrationSpec spec,
-                std::chrono::milliseconds watch_patience) {
-  InterruptibleJob interruptible(address);
-  try {
-    client::RegistrationClient client(call_settings(address, interruptible.stop_token()));
-    upload_inputs(client, options.job, spec);
-    interruptible.begin_creating();
-    v1::RegistrationJob job = interruptible.create(spec);
-    {
-      ProgressDisplay display(std::cerr, display_style_of_stderr());
-      job = client.watch(
-          job.id(), [&display](const v1::RegistrationJob& now) { display.show(now); }, watch_patience);
-    }
-    if (const int code = exit_code_of(job); code != Done) return code;
-    fetch_artifacts(client, job, options.out);
-    const nlohmann::json report = read_report(std::filesystem::path(options.out) / "report.json");
-    if (options.as_json) {
-      std::cout << nlohmann::json{{"job", job_json(job)}, {"report", report}}.dump(2) << std::endl;
-    } else {
-      std::cout << report_summary(report) << "written to " << options.out << std::endl;
-    }
-    return Done;
-  } catch (const client::ClientError& error) {
-    if (!interruptible.is_interrupted() || error.code() != grpc::StatusCode::CANCELLED) throw;
-    std::cerr << "saltus: interrupted" << std::endl;
-    return Cancelled;
+                InterruptibleJob& interruptible, std::chrono::milliseconds watch_patience) {
+  client::RegistrationClient client(call_settings(address, interruptible.stop_token()));
+  upload_inputs(client, options.job, spec);
+  v1::RegistrationJob job = interruptible.create(address, spec);
+  {
+    ProgressDisplay display(std::cerr, display_style_of_stderr());
+    const auto show = [&display](const v1::RegistrationJob& now) { display.show(now); };
+    job = client.watch(job.id(), show, watch_patience);
   }
+  if (const int code = exit_code_of(job); code != Done) return code;
+  fetch_artifacts(client, job, options.out);
+  const nlohmann::json report = read_report(std::filesystem::path(options.out) / "report.json");
+  if (options.as_json)
+    std::cout << nlohmann::json{{"job", job_json(job)}, {"report", report}}.dump(2) << std::endl;
+  else
+    std::cout << report_summary(report) << "written to " << options.out << std::endl;
+  return Done;
 }
 
 int register_images(const RegisterOptions& options) {
@@ -113,10 +103,19 @@ int register_images(const RegisterOptions& options) {
   }
   const v1::RegistrationSpec spec = make_spec(options.job);
   if (options.out.empty()) throw InvalidInput("--out is missing; name a folder for the result");
-  if (!options.server.empty()) return register_on(options.server, options, spec, std::chrono::seconds(60));
-  const PrivateDaemon daemon;
-  // Nobody restarts a private daemon: when it is gone, it stays away.
-  return register_on(daemon.address(), options, spec, std::chrono::seconds(2));
+  // Made before the daemon and ended after it, so that no interrupt leaves its folder behind.
+  InterruptibleJob interruptible;
+  try {
+    if (!options.server.empty())
+      return register_on(options.server, options, spec, interruptible, std::chrono::seconds(60));
+    const PrivateDaemon daemon;
+    // Nobody restarts a private daemon: when it is gone, it stays away.
+    return register_on(daemon.address(), options, spec, interruptible, std::chrono::seconds(2));
+  } catch (const client::ClientError& error) {
+    if (!interruptible.is_interrupted() || error.code() != grpc::StatusCode::CANCELLED) throw;
+    std::cerr << "saltus: interrupted" << std::endl;
+    return Cancelled;
+  }
 }
 
 }  // namespace

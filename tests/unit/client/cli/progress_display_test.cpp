@@ -37,6 +37,12 @@ TEST(ProgressLine, TellsLevelIterationEnergyAndTimeLeft) {
   EXPECT_EQ(progress_line(unknown), "optimising, level 2/3, iteration 12/60, energy 123.5, 45 %");
 }
 
+TEST(ProgressLine, TellsNoEnergyBeforeThereIsOne) {
+  v1::RegistrationJob job = optimising(2, 0);
+  job.mutable_progress()->set_energy(0);
+  EXPECT_EQ(progress_line(job), "optimising, level 2/3, iteration 0/60, 45 %, 12 s left");
+}
+
 TEST(ProgressLine, TellsOtherStatesByName) {
   v1::RegistrationJob job;
   job.set_state(v1::JOB_STATE_QUEUED);
