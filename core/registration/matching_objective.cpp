@@ -17,7 +17,8 @@ MatchingObjective<Dim, T>::MatchingObjective(std::vector<MomentumScale<Dim, T>*>
     if (has_zeroth(scale->options().orders)) size_ += scale->field_size();
     if (!scale->has_first_order()) continue;
     for (int axis = 0; axis < Dim; ++axis) {
-      sparsity_.push_back({size_, size_ + scale->field_size(), Dim, sparsity * scale->lattice().cell_volume(),
+      sparsity_.push_back({size_, size_ + scale->field_size(), Dim,
+                           sparsity * scale->options().first_weight * scale->lattice().cell_volume(),
                            1 / scale->first_order_stiffness(axis)});
       size_ += scale->field_size();
     }

@@ -36,7 +36,7 @@ struct MatchingLevel {
 template <int Dim, class T>
 class MatchingObjective final : public Objective<T> {
  public:
-  /// `scales` and `level` must outlive this. `sparsity` is lambda per unit of momentum and mm^Dim.
+  /// `scales` and `level` must outlive this. `sparsity` is lambda, per mm of a_1 m_i.
   MatchingObjective(std::vector<MomentumScale<Dim, T>*> scales, const MatchingLevel<Dim, T>& level,
                     std::unique_ptr<Similarity<Dim, T>> similarity, double sparsity);
 

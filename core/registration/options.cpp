@@ -2,6 +2,7 @@
 
 #include "core/support/errors.h"
 
+#include <algorithm>
 #include <charconv>
 #include <cmath>
 #include <functional>
@@ -130,24 +131,24 @@ const std::vector<Parameter>& parameters() {
   using O = RegistrationOptions;
   constexpr double inf = std::numeric_limits<double>::infinity();
   static const std::vector<Parameter> table = {
-      integer("levels", "", 1, 8, "number of image pyramid levels", [](O& o) -> auto& { return o.pyramid.levels; }),
-      integer("finest_level", "", 0, 4, "0: the optimisation ends at full resolution, 1: at half, ...",
+      integer("levels", "", 0, 8, "number of image pyramid levels; 0: by the size of the image", [](O& o) -> auto& { return o.pyramid.levels; }),
+      integer("finest_level", "", -1, 4, "0: the optimisation ends at full resolution, 1: at half, ...; -1: by preset",
               [](O& o) -> auto& { return o.pyramid.finest_level; }),
       real("width_voxels", "voxels of the scale", 1, Lower::Inclusive, 64, "kernel width sigma of every scale",
            [](O& o) -> auto& { return o.momenta.width_voxels; }),
-      integer("scales", "", 1, 8, "number of order-0 scales, each twice as wide as the next finer",
+      integer("scales", "", 0, 8, "number of order-0 scales, each twice as wide as the next finer; 0: one a level",
               [](O& o) -> auto& { return o.momenta.scales; }),
-      integer("finest_scale", "", 0, 7, "voxel of the finest order-0 scale is 2^this reference voxels",
+      integer("finest_scale", "", -1, 7, "voxel of the finest order-0 scale is 2^this reference voxels; -1: the finest level's",
               [](O& o) -> auto& { return o.momenta.finest_scale; }),
       real("regularisation", "per mm^2", 0, Lower::Exclusive, inf, "weight of the order-0 part of the energy",
            [](O& o) -> auto& { return o.momenta.regularisation; }),
       integer("first_order_scales", "", 0, 8, "number of order-1 scales; 0 leaves order 1 out",
               [](O& o) -> auto& { return o.momenta.first_order_scales; }),
-      integer("first_order_finest_scale", "", 0, 7, "voxel of the finest order-1 scale is 2^this reference voxels",
+      integer("first_order_finest_scale", "", -1, 7, "as finest_scale, for order 1",
               [](O& o) -> auto& { return o.momenta.first_order_finest_scale; }),
       real("first_order_regularisation", "per mm^2", 0, Lower::Exclusive, inf,
            "weight of the order-1 part of the energy", [](O& o) -> auto& { return o.momenta.first_order_regularisation; }),
-      real("sparsity", "per mm", 0, Lower::Inclusive, inf, "lambda of the group L1 norm on first-order momenta",
+      real("sparsity", "per mm", 0, Lower::Inclusive, inf, "lambda of the group L1 norm on first-order momenta, as velocities",
            [](O& o) -> auto& { return o.momenta.sparsity; }),
       boolean("shear_only", "leave out the component of m_i along axis i, so that a jump can only slide",
               [](O& o) -> auto& { return o.momenta.shear_only; }),
@@ -204,11 +205,39 @@ std::vector<std::string> problems(const RegistrationOptions& options) {
   std::vector<std::string> found;
   for (const Parameter& p : parameters())
     if (!p.is_valid(options)) found.push_back("parameter " + p.name + " is " + p.get(options) + "; it must be " + p.range);
-  if (options.pyramid.finest_level >= options.pyramid.levels)
+  if (options.pyramid.levels > 0 && options.pyramid.finest_level >= options.pyramid.levels)
     found.push_back("parameter finest_level is " + std::to_string(options.pyramid.finest_level) +
                     "; it must be less than levels, which is " + std::to_string(options.pyramid.levels));
   if (options.threads < 0) found.push_back("threads is " + std::to_string(options.threads) + "; it must be 0 or more");
   return found;
+}
+
+RegistrationOptions resolved(const RegistrationOptions& options, int dimension, double largest_axis) {
+  RegistrationOptions o = options;
+  if (o.pyramid.finest_level < 0) {
+    o.pyramid.finest_level = 0;
+    if (dimension == 3) switch (o.preset) {
+        case Preset::Fast:
+          o.pyramid.finest_level = 2;
+          break;
+        case Preset::Balanced:
+          o.pyramid.finest_level = 1;
+          break;
+        case Preset::Accurate:
+          break;
+      }
+    if (o.pyramid.levels > 0) o.pyramid.finest_level = std::min(o.pyramid.finest_level, o.pyramid.levels - 1);
+  }
+  const int finest = o.pyramid.finest_level;
+  if (o.pyramid.levels == 0) {
+    int levels = 1;
+    while (levels < 8 && largest_axis / (1 << (levels - 1)) >= 32) ++levels;
+    o.pyramid.levels = std::max(levels, finest + 1);
+  }
+  if (o.momenta.finest_scale < 0) o.momenta.finest_scale = finest;
+  if (o.momenta.first_order_finest_scale < 0) o.momenta.first_order_finest_scale = finest;
+  if (o.momenta.scales == 0) o.momenta.scales = std::max(1, o.pyramid.levels - o.momenta.finest_scale);
+  return o;
 }
 
 RegistrationOptions default_options(Model model, SimilarityType similarity, Preset preset) {
@@ -222,10 +251,42 @@ RegistrationOptions default_options(Model model, SimilarityType similarity, Pres
       o.momenta.first_order_scales = 0;
       break;
     case Model::Wendland1:
-      o.momenta.first_order_scales = o.momenta.scales;
+      o.momenta.first_order_scales = 8;  // beside every order-0 scale
       break;
     case Model::Sliding:
       o.momenta.first_order_scales = 1;
+      break;
+  }
+  // The energy density is a squared intensity difference for ssd and about 1 for lncc.
+  switch (similarity) {
+    case SimilarityType::Ssd:
+      o.momenta.regularisation = 1e-5;
+      o.momenta.first_order_regularisation = 3e-6;
+      o.momenta.sparsity = 2e-4;
+      o.flow.divergence_weight = 0.01;
+      break;
+    case SimilarityType::Lncc:
+      o.momenta.regularisation = 5e-4;
+      o.momenta.first_order_regularisation = 1e-3;
+      o.momenta.sparsity = 1e-3;
+      o.flow.divergence_weight = 0.1;
+      break;
+  }
+  switch (preset) {
+    case Preset::Fast:
+      o.flow.time_steps = 2;
+      o.optimisation.max_iterations = 40;
+      o.optimisation.tolerance = 2e-2;
+      break;
+    case Preset::Balanced:
+      o.flow.time_steps = 3;
+      o.optimisation.max_iterations = 150;
+      o.optimisation.tolerance = 5e-3;
+      break;
+    case Preset::Accurate:
+      o.flow.time_steps = 4;
+      o.optimisation.max_iterations = 300;
+      o.optimisation.tolerance = 1e-3;
       break;
   }
   return o;

@@ -22,19 +22,21 @@ struct RegistrationOptions {
   Preset preset = Preset::Balanced;
 
   struct Pyramid {
-    int levels = 3;        ///< number of image levels, coarsest is 2^(levels-1) times the reference spacing
-    int finest_level = 0;  ///< 0: the optimisation ends at full resolution, 1: at half, ...
+    int levels = 0;         ///< image levels, the coarsest 2^(levels-1) times the reference spacing; 0: until the
+                            ///< largest axis has fewer than 32 samples
+    int finest_level = -1;  ///< 0: the optimisation ends at full resolution, 1: at half, ...; -1: full resolution in 2-D,
+                            ///< in 3-D by preset (fast 2, balanced 1, accurate 0)
   } pyramid;
 
   struct Momenta {
-    double width_voxels = 9;          ///< kernel width sigma, in reference voxels of each momentum scale
-    int scales = 3;                   ///< number of order-0 scales, each twice as wide as the next
-    int finest_scale = 0;             ///< 0: the finest order-0 scale has width_voxels reference voxels, 1: twice that
+    double width_voxels = 6;          ///< kernel width sigma, in reference voxels of each momentum scale
+    int scales = 0;         ///< number of order-0 scales, each twice as wide as the next; 0: one a level
+    int finest_scale = -1;  ///< q: the finest order-0 scale has 2^q reference voxels; -1: that of the finest level
     double regularisation = 0.01;     ///< weight of 1/2 ||v_0||^2, per mm^2
     int first_order_scales = 0;        ///< number of order-1 scales; 0 leaves order 1 out
-    int first_order_finest_scale = 0;  ///< as finest_scale, for order 1
+    int first_order_finest_scale = -1;  ///< as finest_scale, for order 1
     double first_order_regularisation = 0.01;  ///< weight of 1/2 ||v_i||^2, per mm^2
-    double sparsity = 0;              ///< lambda of the group L1 on order 1, per mm
+    double sparsity = 0;              ///< lambda of the group L1 on a_1 m_i (a velocity), per mm
     bool shear_only = false;          ///< drop component i of m_i, so that a jump can only slide
   } momenta;
 
@@ -46,7 +48,7 @@ struct RegistrationOptions {
 
   struct SimilarityParameters {
     double weight = 1;       ///< multiplies the similarity
-    double lncc_radius_voxels = 3;  ///< half width of the box window, in voxels of the level
+    double lncc_radius_voxels = 2;  ///< half width of the box window, in voxels of the level
     double lncc_floor = 0.01;       ///< standard deviation, in units of the intensity range, below which a window is flat
   } similarity_parameters;
 
@@ -58,6 +60,10 @@ struct RegistrationOptions {
 
   int threads = 0;  ///< 0: all that the process may use
 };
+
+/// Replaces what is automatic (levels and scales) by what it means for images of this size. Dim is 2 or 3;
+/// `largest_axis` is the largest extent of the fixed image in reference voxels (its finest spacing).
+RegistrationOptions resolved(const RegistrationOptions& options, int dimension, double largest_axis);
 
 RegistrationOptions default_options(Model model, SimilarityType similarity, Preset preset);
 

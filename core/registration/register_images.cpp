@@ -171,20 +171,22 @@ class WorkMeter {
 }  // namespace
 
 template <int Dim>
-RegistrationResult<Dim> register_images(const RegistrationInput<Dim>& input, const RegistrationOptions& options,
+RegistrationResult<Dim> register_images(const RegistrationInput<Dim>& input, const RegistrationOptions& asked,
                                         const ProgressCallback& progress) {
   check_volume("fixed", input.fixed);
   check_volume("moving", input.moving);
   check_mask("fixed mask", input.fixed_mask, input.fixed);
   check_mask("moving mask", input.moving_mask, input.moving);
-  const std::vector<std::string> wrong = problems(options);
+  const std::vector<std::string> wrong = problems(asked);
   if (!wrong.empty()) throw InvalidInput(wrong.front());
+  const RegistrationOptions options = resolved(asked, lattice_of(input.fixed.grid));
 #ifdef _OPENMP
   if (options.threads > 0) omp_set_num_threads(options.threads);
 #endif
 
   const Stopwatch whole;
   RegistrationResult<Dim> result;
+  result.options = options;
   RegistrationSummary& summary = result.summary;
   const Pyramid<Dim> pyramid(input, options);
   std::vector<PlacedScale<Dim, Scalar>> scales = make_scales<Dim, Scalar>(pyramid.fixed_lattice(), options);

@@ -1,6 +1,7 @@
 #pragma once
 
 #include "core/grid/volume.h"
+#include "core/registration/options.h"
 
 #include <string>
 #include <vector>
@@ -67,6 +68,7 @@ struct RegistrationResult {
   Volume<Dim> warped;                      ///< moving image on the fixed grid
   Volume<Dim> jacobian;                    ///< det D(x + u(x)) on the fixed grid
   std::vector<MomentumField<Dim>> momenta;
+  RegistrationOptions options;  ///< as used: everything automatic filled in
   RegistrationSummary summary;
 };
 

@@ -20,7 +20,11 @@ struct PlacedScale {
 template <int Dim>
 Lattice<Dim> level_lattice(const Lattice<Dim>& image, int level);
 
-/// The scales that the options ask for, coarsest first. Scale q lives on the lattice of level q with kernel width
+/// The options with everything automatic filled in for this image.
+template <int Dim>
+RegistrationOptions resolved(const RegistrationOptions& options, const Lattice<Dim>& image);
+
+/// The scales that resolved options ask for, coarsest first. Scale q lives on the lattice of level q with kernel width
 /// width_voxels * reference spacing * 2^q; the order-0 kernel of `sliding` is Gaussian, its order-1 kernel Wendland.
 template <int Dim, class T>
 std::vector<PlacedScale<Dim, T>> make_scales(const Lattice<Dim>& image, const RegistrationOptions& options);

@@ -37,6 +37,7 @@ void expect_taylor_slope_two(const Case& test) {
   RegistrationOptions options = default_options(test.model, test.similarity, Preset::Balanced);
   options.momenta.width_voxels = 4;
   options.momenta.scales = 2;
+  options.momenta.finest_scale = options.momenta.first_order_finest_scale = 0;
   if (options.momenta.first_order_scales > 0) options.momenta.first_order_scales = test.model == Model::Sliding ? 1 : 2;
   options.momenta.regularisation = options.momenta.first_order_regularisation = 0.05;
   auto placed = make_scales<Dim, double>(lattice, options);
