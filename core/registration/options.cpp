@@ -268,7 +268,7 @@ RegistrationOptions default_options(Model model, SimilarityType similarity, Pres
     case SimilarityType::Lncc:
       o.momenta.regularisation = 5e-4;
       o.momenta.first_order_regularisation = 1e-3;
-      o.momenta.sparsity = 1e-3;
+      o.momenta.sparsity = 1e-2;
       o.flow.divergence_weight = 0.1;
       break;
   }

@@ -4,6 +4,7 @@
 #include "tests/support/random_fields.h"
 
 #include <gtest/gtest.h>
+#include <omp.h>
 
 #include <cmath>
 
@@ -33,6 +34,7 @@ template <int Dim>
 void expect_taylor_slope_two(const Case& test) {
   using testing::random_values;
   using testing::random_waves;
+  omp_set_num_threads(1);  // small problems: threads would only wait for each other
   const Lattice<Dim> lattice = small_lattice<Dim>();
   RegistrationOptions options = default_options(test.model, test.similarity, Preset::Balanced);
   options.momenta.width_voxels = 4;
