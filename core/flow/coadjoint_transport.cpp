@@ -70,6 +70,20 @@ struct CoadjointTransport<Dim, T>::Face {
       beside[1] += owner.stride_[axis];
       ++index[1][axis];
     }
+    if (owner.evolution_ == Evolution::Carried) {
+      F.setIdentity();
+      G.setIdentity();
+      dF.setZero();
+    } else {
+      differentiate(owner, axis);
+    }
+    for (int a = 0; a < Dim; ++a) {
+      const T moved = T(0.5) * (displacement[Dim * beside[0] + a] + displacement[Dim * beside[1] + a]);
+      at[a] = static_cast<T>(where[a] + (a == axis ? 0.5 : 0.0) + static_cast<double>(moved) / owner.lattice_.spacing[a]);
+    }
+  }
+
+  void differentiate(const CoadjointTransport& owner, int axis) {
     F.setZero();
     dF.setZero();
     for (int side = 0; side < 2; ++side) {
@@ -81,10 +95,6 @@ struct CoadjointTransport<Dim, T>::Face {
       dF += static_cast<T>(0.5 / owner.lattice_.spacing[axis]) * load_matrix<Dim, T>(derivative);
     }
     G = F.inverse().transpose();
-    for (int a = 0; a < Dim; ++a) {
-      const T moved = T(0.5) * (displacement[Dim * beside[0] + a] + displacement[Dim * beside[1] + a]);
-      at[a] = static_cast<T>(where[a] + (a == axis ? 0.5 : 0.0) + static_cast<double>(moved) / owner.lattice_.spacing[a]);
-    }
   }
 
   /// How much of the derivative along `axis` is a derivative along b now.
@@ -110,17 +120,14 @@ CoadjointTransport<Dim, T>::CoadjointTransport(const Lattice<Dim>& lattice, doub
     stride_[axis] = stride;
     stride *= static_cast<std::size_t>(lattice.size[axis]);
   }
+  if (evolution == Evolution::Carried) return;  // F is the identity
   jacobian_.resize(Dim * Dim * lattice.sites());
   jacobian_dual_.resize(jacobian_.size());
 }
 
 template <int Dim, class T>
 void CoadjointTransport<Dim, T>::find_jacobians(const T* displacement) {
-  if (evolution_ == Evolution::Carried) {
-    for (std::size_t site = 0; site < lattice_.sites(); ++site)
-      for (int k = 0; k < Dim * Dim; ++k) jacobian_[Dim * Dim * site + k] = T(k % (Dim + 1) == 0);
-    return;
-  }
+  if (evolution_ == Evolution::Carried) return;
 #pragma omp parallel for schedule(static)
   for (int slab = 0; slab < lattice_.size[Dim - 1]; ++slab)
     visit_slab<Dim>(lattice_, slab, [&](const Index<Dim>& index, std::size_t site) {
@@ -136,6 +143,12 @@ void CoadjointTransport<Dim, T>::find_jacobians(const T* displacement) {
 }
 
 template <int Dim, class T>
+auto CoadjointTransport<Dim, T>::inverse_jacobian(std::size_t site) const -> Inverse {
+  if (evolution_ == Evolution::Carried) return Inverse::Identity();
+  return load_matrix<Dim, T>(jacobian_.data() + Dim * Dim * site).inverse();
+}
+
+template <int Dim, class T>
 void CoadjointTransport<Dim, T>::push(const T* displacement, const T* zeroth, const T* first, T* zeroth_out,
                                       T* first_out) {
   const std::size_t field = Dim * lattice_.sites();
@@ -146,8 +159,7 @@ void CoadjointTransport<Dim, T>::push(const T* displacement, const T* zeroth, co
     plan_.template add<Dim>(
         [&](std::size_t site, std::array<T, Dim>& out) {
           if (is_zero<Dim, T>(zeroth + Dim * site)) return false;
-          const Square<Dim, T> F = load_matrix<Dim, T>(jacobian_.data() + Dim * Dim * site);
-          out = as_array<Dim, T>(F.inverse().transpose() * load<Dim, T>(zeroth + Dim * site));
+          out = as_array<Dim, T>(inverse_jacobian(site).transpose() * load<Dim, T>(zeroth + Dim * site));
           return true;
         },
         zeroth_out);
@@ -185,6 +197,7 @@ void CoadjointTransport<Dim, T>::push_faces(int axis, const T* displacement, con
   for (const auto& some : by_slab) elements.insert(elements.end(), some.begin(), some.end());
   plan_.resize(elements.size());
   for (int b = -1; b < Dim; ++b) {
+    if (evolution_ != Evolution::Exact && b != axis) continue;  // nothing turns into another order or axis
     for (std::size_t i = 0; i < elements.size(); ++i) {
       plan_.points()[i] = elements[i].at;
       if (b >= 0) plan_.points()[i][b] -= T(0.5);
@@ -236,8 +249,7 @@ void CoadjointTransport<Dim, T>::zeroth_adjoint(const T* displacement, const T* 
 #pragma omp parallel for schedule(static)
   for (int slab = 0; slab < lattice_.size[Dim - 1]; ++slab)
     visit_slab<Dim>(lattice_, slab, [&](const Index<Dim>& index, std::size_t site) {
-      const Square<Dim, T> F = load_matrix<Dim, T>(jacobian_.data() + Dim * Dim * site);
-      const Square<Dim, T> G = F.inverse().transpose();
+      const Square<Dim, T> G = inverse_jacobian(site).transpose();
       const LinearCell<Dim, T> cell(lattice_, displaced<Dim, T>(lattice_, index, displacement + Dim * site, lattice_));
       const Column<Dim, T> dual = gather<Dim, T>(cell, dual_field), pulled = G.transpose() * dual;
       add_to<Dim, T>(zeroth_dual + Dim * site, pulled);
@@ -246,6 +258,7 @@ void CoadjointTransport<Dim, T>::zeroth_adjoint(const T* displacement, const T* 
       const std::array<T, Dim> gradient = cell.template pulled_back_gradient<Dim>(dual_field, as_array<Dim, T>(pushed));
       for (int a = 0; a < Dim; ++a)
         displacement_dual[Dim * site + a] += gradient[a] / static_cast<T>(lattice_.spacing[a]);
+      if (evolution_ == Evolution::Carried) return;
       // d G = -G dF^T G, so the dual of F is -G (dual m^T)^T G = -(G m) (G^T dual)^T.
       add_to<Dim, T>(jacobian_dual_.data() + Dim * Dim * site, Square<Dim, T>(-pushed * pulled.transpose()));
     });
@@ -260,10 +273,14 @@ void CoadjointTransport<Dim, T>::face_adjoint(int axis, const T* displacement, c
     visit_slab<Dim>(lattice_, slab, [&](const Index<Dim>& where, std::size_t site) {
       const Face face(*this, axis, where, site, displacement);
       const LinearCell<Dim, T> zeroth_cell(lattice_, face.on(-1));
-      const Column<Dim, T> dual0 = gather<Dim, T>(zeroth_cell, zeroth_out_dual), s_dual = face.G.transpose() * dual0;
-      Column<Dim, T> dual[Dim];
-      Column<Dim, T> n_dual = unit_ * (face.dF * s_dual);
+      const bool exact = evolution_ == Evolution::Exact;
+      Column<Dim, T> s_dual = Column<Dim, T>::Zero(), n_dual = Column<Dim, T>::Zero(), dual[Dim];
+      if (exact) {
+        s_dual = face.G.transpose() * gather<Dim, T>(zeroth_cell, zeroth_out_dual);
+        n_dual = unit_ * (face.dF * s_dual);
+      }
       for (int b = 0; b < Dim; ++b) {
+        if (!exact && b != axis) continue;
         dual[b] = gather<Dim, T>(LinearCell<Dim, T>(lattice_, face.on(b)), first_out_dual + b * field);
         n_dual += face.turned(*this, b, axis) * dual[b];
       }
@@ -276,20 +293,23 @@ void CoadjointTransport<Dim, T>::face_adjoint(int axis, const T* displacement, c
       std::array<T, Dim> gradient = zeroth_cell.template pulled_back_gradient<Dim>(zeroth_out_dual, as_array<Dim, T>(pushed0));
       Square<Dim, T> F_dual = -pushed0 * s_dual.transpose() - n * pulled.transpose();
       for (int b = 0; b < Dim; ++b) {
-        if (evolution_ == Evolution::Exact) F_dual(b, axis) += dual[b].dot(n);
+        if (!exact && b != axis) continue;
+        if (exact) F_dual(b, axis) += dual[b].dot(n);
         const Column<Dim, T> pushed = face.turned(*this, b, axis) * n;
         const std::array<T, Dim> more = LinearCell<Dim, T>(lattice_, face.on(b))
                                             .template pulled_back_gradient<Dim>(first_out_dual + b * field, as_array<Dim, T>(pushed));
         for (int a = 0; a < Dim; ++a) gradient[a] += more[a];
       }
+      for (int side = 0; side < 2; ++side)
+        for (int a = 0; a < Dim; ++a)
+          displacement_dual[Dim * face.beside[side] + a] += T(0.5) * gradient[a] / static_cast<T>(lattice_.spacing[a]);
+      if (evolution_ == Evolution::Carried) return;
       const Square<Dim, T> dF_dual = static_cast<T>(0.5 / lattice_.spacing[axis]) * unit_ * (n * s_dual.transpose());
       for (int side = 0; side < 2; ++side) {
         const std::size_t beside = face.beside[side];
         add_to<Dim, T>(jacobian_dual_.data() + Dim * Dim * beside, Square<Dim, T>(T(0.5) * F_dual));
         SideDifferences<Dim * Dim, Dim, T>(lattice_, face.index[side], beside, stride_[axis], axis, jacobian_.data(), T(1))
             .adjoint(dF_dual.data(), beside, stride_[axis], T(1), jacobian_dual_.data());
-        for (int a = 0; a < Dim; ++a)
-          displacement_dual[Dim * beside + a] += T(0.5) * gradient[a] / static_cast<T>(lattice_.spacing[a]);
       }
     });
   });
@@ -300,9 +320,8 @@ void CoadjointTransport<Dim, T>::pull_back(const T* displacement, const T* field
 #pragma omp parallel for schedule(static)
   for (int slab = 0; slab < lattice_.size[Dim - 1]; ++slab)
     visit_slab<Dim>(lattice_, slab, [&](const Index<Dim>& index, std::size_t site) {
-      const Square<Dim, T> F = load_matrix<Dim, T>(jacobian_.data() + Dim * Dim * site);
       const LinearCell<Dim, T> cell(lattice_, displaced<Dim, T>(lattice_, index, displacement + Dim * site, lattice_));
-      add_to<Dim, T>(sum + Dim * site, Column<Dim, T>(scale * (F.inverse() * gather<Dim, T>(cell, field))));
+      add_to<Dim, T>(sum + Dim * site, Column<Dim, T>(scale * (inverse_jacobian(site) * gather<Dim, T>(cell, field))));
     });
 }
 

@@ -4,6 +4,8 @@
 #include "core/flow/scatter_plan.h"
 #include "core/grid/lattice.h"
 
+#include <Eigen/Core>
+
 #include <vector>
 
 namespace saltus {
@@ -47,6 +49,8 @@ class CoadjointTransport {
 
  private:
   struct Face;
+  using Inverse = Eigen::Matrix<T, Dim, Dim, Eigen::RowMajor | Eigen::DontAlign>;
+  Inverse inverse_jacobian(std::size_t site) const;
   void find_jacobians(const T* displacement);
   void push_faces(int axis, const T* displacement, const T* first, T* zeroth_out, T* first_out);
   void zeroth_adjoint(const T* displacement, const T* zeroth, const T* dual_field, T* displacement_dual, T* zeroth_dual);

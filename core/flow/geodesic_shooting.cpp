@@ -70,6 +70,7 @@ void GeodesicShooting<Dim, T>::shoot(const std::vector<MomentumPointers<T>>& mom
       advance<Dim, T>(state.scale->lattice(), pointer(state.position[k]), pointer(state.position[k]), lattice_,
                       velocities_[k].data(), dt, state.predicted[k + 1].data());
     for (std::size_t s = 0; s < states_.size(); ++s) {
+      if (poll_) poll_();
       ScaleState& state = states_[s];
       transported(state, momenta[s], k + 1);
       add_velocity(state, state.zeroth.data(), pointer(state.first), velocities_[k + 1]);
@@ -124,6 +125,7 @@ void GeodesicShooting<Dim, T>::adjoint(const std::vector<MomentumPointers<T>>& m
     }
     // v_k is used nowhere else: its dual is complete.
     for (std::size_t s = 0; s < states_.size(); ++s) {
+      if (poll_) poll_();
       ScaleState& state = states_[s];
       const bool first_order = state.scale->has_first_order();
       const double per_volume = 1 / state.scale->lattice().cell_volume();

@@ -5,6 +5,7 @@
 #include "core/grid/resampling.h"
 #include "core/momenta/momentum_scale.h"
 
+#include <functional>
 #include <memory>
 #include <vector>
 
@@ -34,6 +35,9 @@ class GeodesicShooting {
   /// Scales stay owned by the caller and must outlive this.
   GeodesicShooting(std::vector<MomentumScale<Dim, T>*> scales, const Lattice<Dim>& velocity_lattice, int time_steps,
                    Evolution evolution);
+
+  /// Called several times in each shoot and adjoint; may throw, which leaves this ready for another shoot.
+  void on_work(std::function<void()> poll) { poll_ = std::move(poll); }
 
   int time_steps() const { return time_steps_; }
   const Lattice<Dim>& velocity_lattice() const { return lattice_; }
@@ -71,6 +75,7 @@ class GeodesicShooting {
   std::vector<ScaleState> states_;
   std::vector<Field<T>> velocities_;
   ScatterPlan<Dim, T> plan_;
+  std::function<void()> poll_;
 };
 
 }  // namespace saltus

@@ -36,6 +36,18 @@ MatchingObjective<Dim, T>::MatchingObjective(std::vector<MomentumScale<Dim, T>*>
 }
 
 template <int Dim, class T>
+void MatchingObjective<Dim, T>::on_work(std::function<void(double)> callback) {
+  on_work_ = std::move(callback);
+  if (!on_work_) {
+    shooting_.on_work({});
+    return;
+  }
+  // Shooting and its adjoint ask once a node and scale, once more in the adjoint for node 0.
+  const double expected = static_cast<double>(scales_.size()) * (2 * level_.time_steps + 1) + 1;
+  shooting_.on_work([this, expected] { on_work_(std::min(1.0, ++polls_ / expected)); });
+}
+
+template <int Dim, class T>
 std::vector<MomentumPointers<T>> MatchingObjective<Dim, T>::pointers(const std::vector<T>& x) const {
   std::vector<MomentumPointers<T>> all;
   std::size_t at = 0;
@@ -73,7 +85,8 @@ void MatchingObjective<Dim, T>::drop_normal_components(std::vector<T>& x) const 
 template <int Dim, class T>
 Evaluation MatchingObjective<Dim, T>::evaluate(const std::vector<T>& x, std::vector<T>& gradient,
                                                std::vector<T>& preconditioned) {
-  if (on_evaluation_) on_evaluation_();
+  polls_ = 0;
+  if (on_work_) on_work_(0);
   const std::vector<MomentumPointers<T>> momenta = pointers(x);
   std::fill(gradient.begin(), gradient.end(), T(0));
   std::fill(preconditioned.begin(), preconditioned.end(), T(0));

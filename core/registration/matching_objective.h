@@ -54,8 +54,8 @@ class MatchingObjective final : public Objective<T> {
 
   /// Leave out component i of m_i: such a momentum can only shear (no gradient, so it stays 0).
   void keep_shear_only() { shear_only_ = true; }
-  /// Called at the beginning of each evaluation.
-  void on_evaluation(std::function<void()> callback) { on_evaluation_ = std::move(callback); }
+  /// Called many times in each evaluation with the share of it that is done; may throw to end it.
+  void on_work(std::function<void(double)> callback);
 
  private:
   std::vector<MomentumPointers<T>> pointers(const std::vector<T>& x) const;
@@ -71,7 +71,8 @@ class MatchingObjective final : public Objective<T> {
   std::size_t size_ = 0;
   EnergyParts parts_;
   bool shear_only_ = false;
-  std::function<void()> on_evaluation_;
+  std::function<void(double)> on_work_;
+  int polls_ = 0;
   std::vector<T> warped_, weights_, image_dual_, weight_dual_;
   Field<T> displacement_dual_;
   std::vector<Field<T>> velocity_duals_;

@@ -18,7 +18,7 @@ struct Progress {
 
 enum class ProgressAnswer { Continue, Stop };
 
-/// Called from the thread that called register_images, at least once an evaluation of the energy.
+/// Called from the thread that called register_images, many times in each evaluation of the energy.
 using ProgressCallback = std::function<ProgressAnswer(const Progress&)>;
 
 }  // namespace saltus

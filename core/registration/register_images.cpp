@@ -238,9 +238,12 @@ RegistrationResult<Dim> register_images(const RegistrationInput<Dim>& input, con
       now.seconds_left = now.fraction > 0.01 ? whole.seconds() * (1 - now.fraction) / now.fraction : -1;
       return !progress || progress(now) == ProgressAnswer::Continue;
     };
-    objective->on_evaluation([&] {
+    double counted = 0;  // share of this evaluation that the meter has
+    objective->on_work([&](double share) {
+      if (share < counted) counted = 0;
+      meter.done((share - counted) * work);
+      counted = share;
       if (!report()) throw StopRequested{};
-      meter.done(work);
     });
 
     MinimiseOptions how;
@@ -269,7 +272,7 @@ RegistrationResult<Dim> register_images(const RegistrationInput<Dim>& input, con
     } catch (const StopRequested&) {
       level_summary.termination = Termination::Stopped;
     }
-    objective->on_evaluation({});
+    objective->on_work({});
     meter.settle(planned_until[step]);
     level_summary.seconds = watch.seconds();
     level_summary.cpu_seconds = watch.cpu_seconds();
