@@ -87,8 +87,12 @@ class SpawnPlan {
 std::vector<std::string> environment_with_threads(int threads) {
   std::vector<std::string> result;
   for (char** variable = environ; *variable; ++variable)
-    if (!std::string_view(*variable).starts_with("OMP_NUM_THREADS=")) result.emplace_back(*variable);
+    if (!std::string_view(*variable).starts_with("OMP_NUM_THREADS=") &&
+        !std::string_view(*variable).starts_with("OMP_WAIT_POLICY="))
+      result.emplace_back(*variable);
   result.push_back("OMP_NUM_THREADS=" + std::to_string(threads));
+  // Several workers share the machine: threads that wait must not spin on the cores of the others.
+  result.push_back("OMP_WAIT_POLICY=PASSIVE");
   return result;
 }
 
