@@ -25,7 +25,9 @@ set(forbidden
   "server/rpc|\"server/store/blob_store.h\""
   "server/rpc|\"core/registration/register_images.h\""
   "server/rpc|<itkImage.h>"
+  "server/rpc|\"client/lib/channel.h\""
   "server/worker|\"server/rpc/convert.h\""
+  "server/worker|\"client/cli/connection.h\""
   "server/worker/report|<grpcpp/grpcpp.h>"
   "server|<itkImage.h>"
   "client/lib|\"core/grid/volume.h\""
@@ -41,6 +43,7 @@ set(allowed
   "server/rpc|\"core/registration/options.h\""
   "server/rpc|<grpcpp/grpcpp.h>"
   "server/worker|\"core/image_io/read_image.h\""
+  "server/worker|\"client/lib/blob_transfer.h\""
   "client/cli|\"core/image_io/read_image.h\""
   "client/cli|\"client/lib/registration_client.h\"")
 

@@ -1,0 +1,171 @@
+#include "server/worker/registration_job.h"
+
+#include "core/image_io/affine_start.h"
+#include "core/image_io/write_image.h"
+#include "core/image_io/write_transform.h"
+#include "core/registration/register_images.h"
+#include "core/support/errors.h"
+#include "server/worker/attempt.h"
+#include "server/worker/report/report.h"
+#include "server/worker/task_inputs.h"
+
+#include <sys/resource.h>
+
+#include <chrono>
+#include <fstream>
+#include <new>
+
+namespace saltus::worker {
+namespace {
+
+namespace fs = std::filesystem;
+
+AffineKind kind_of(AffineStart start) {
+  switch (start) {
+    case AffineStart::None:
+      return AffineKind::None;
+    case AffineStart::Rigid:
+      return AffineKind::Rigid;
+    case AffineStart::Affine:
+      return AffineKind::Affine;
+  }
+  return AffineKind::None;
+}
+
+/// "momentum_1_order0", "momentum_3_order1_x": numbered as they come, coarse to fine.
+template <int Dim>
+std::string momentum_name(std::size_t number, const MomentumField<Dim>& momentum) {
+  std::string name = "momentum_" + std::to_string(number) + (momentum.axis < 0 ? "_order0" : "_order1_");
+  if (momentum.axis >= 0) name += "xyz"[momentum.axis];
+  return name;
+}
+
+void write_text(const fs::path& file, const std::string& text) {
+  std::ofstream out(file, std::ios::binary);
+  out << text;
+  out.close();
+  if (!out) throw FileError(file.string() + " cannot be written");
+}
+
+std::size_t peak_memory_bytes() {
+  rusage usage{};
+  getrusage(RUSAGE_SELF, &usage);
+  return static_cast<std::size_t>(usage.ru_maxrss) * 1024;
+}
+
+/// One registration, from files to files.
+template <int Dim>
+class Run {
+ public:
+  Run(const RegistrationTask& task, const fs::path& folder, const TaskObserver& observer)
+      : task_(task), inputs_folder_(task.fixed.parent_path()), folder_(folder), observer_(observer) {}
+
+  std::vector<std::string> operator()() {
+    enter(TaskStage::Validating);
+    timed("reading", [this] { read(); });
+    enter(TaskStage::Optimising);
+    if (task_.affine != AffineStart::None)
+      timed("affine start", [this] { attempt("INVALID_INPUT", inputs_folder_, [this] { find_start(); }); });
+    timed("registration", [this] { attempt("INVALID_INPUT", inputs_folder_, [this] { optimise(); }); });
+    if (result_.summary.termination == Termination::Stopped) throw TaskStopped();
+    enter(TaskStage::Writing);
+    attempt("OUTPUT_UNWRITABLE", folder_, [this] {
+      timed("writing", [this] { write_images(); });
+      write_reports();
+    });
+    return names_;
+  }
+
+ private:
+  void enter(TaskStage stage) const {
+    if (observer_(stage, Progress{}) == ProgressAnswer::Stop) throw TaskStopped();
+  }
+
+  template <class Part>
+  void timed(const std::string& name, const Part& part) {
+    const auto begin = std::chrono::steady_clock::now();
+    part();
+    stage_seconds_[name] = std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
+  }
+
+  void read() {
+    attempt("INVALID_OPTIONS", inputs_folder_, [this] { options_ = make_options(task_); });
+    inputs_ = read_inputs<Dim>(task_);
+  }
+
+  void find_start() {
+    RegistrationInput<Dim>& images = inputs_.images;
+    const AffineMasks<Dim> masks{images.fixed_mask ? &*images.fixed_mask : nullptr,
+                                 images.moving_mask ? &*images.moving_mask : nullptr};
+    images.start = find_affine_start(images.fixed, images.moving, kind_of(task_.affine), task_.threads, masks);
+  }
+
+  void optimise() {
+    result_ = register_images(inputs_.images, options_,
+                              [this](const Progress& progress) { return observer_(TaskStage::Optimising, progress); });
+  }
+
+  fs::path file(const std::string& name) {
+    names_.push_back(name);
+    return folder_ / name;
+  }
+
+  void write_images() {
+    const std::string suffix = "." + (task_.output_format.empty() ? "nii.gz" : task_.output_format);
+    write_vector_volume(file("displacement" + suffix), result_.displacement);
+    write_vector_volume(file("inverse_displacement" + suffix), result_.inverse_displacement);
+    write_volume(file("warped" + suffix), result_.warped);
+    write_volume(file("jacobian" + suffix), result_.jacobian);
+    for (std::size_t i = 0; i < result_.momenta.size(); ++i)
+      write_vector_volume(file(momentum_name(i + 1, result_.momenta[i]) + suffix), result_.momenta[i].vectors);
+    write_transform(file("transform.h5"), result_.displacement);
+  }
+
+  void write_reports() {
+    report::ReportInput<Dim> report;
+    report.input = &inputs_.images;
+    report.result = &result_;
+    report.options = &options_;
+    report.fixed_points = inputs_.landmarks.fixed;
+    report.moving_points = inputs_.landmarks.moving;
+    report.title =
+        to_string(options_.model) + ", " + to_string(options_.similarity) + ", " + to_string(options_.preset);
+    report.peak_memory_bytes = peak_memory_bytes();
+    report.stage_seconds = stage_seconds_;
+    write_text(file("report.json"), report::report_json(report));
+    write_text(file("report.html"), report::report_html(report));
+  }
+
+  const RegistrationTask& task_;
+  const fs::path inputs_folder_, folder_;
+  const TaskObserver& observer_;
+  RegistrationOptions options_;
+  TaskInputs<Dim> inputs_;
+  RegistrationResult<Dim> result_;
+  std::map<std::string, double> stage_seconds_;
+  std::vector<std::string> names_;
+};
+
+}  // namespace
+
+std::vector<std::string> run_registration_task(const RegistrationTask& task, const fs::path& folder,
+                                               const TaskObserver& observer) {
+  try {
+    return input_dimension(task) == 2 ? Run<2>(task, folder, observer)() : Run<3>(task, folder, observer)();
+  } catch (const TaskFailure&) {
+    throw;
+  } catch (const TaskStopped&) {
+    throw;
+  } catch (const NumericalFailure& error) {
+    throw TaskFailure("DIVERGED", error.what());
+  } catch (const std::bad_alloc&) {
+    throw TaskFailure(
+        "MEMORY_LIMIT",
+        "the registration needs more memory than it may use; crop the fixed image, set finest_level to 1, "
+        "or give the server more memory");
+  } catch (const std::exception& error) {
+    throw TaskFailure("INTERNAL", std::string("the solver has a fault (") + error.what() + "); please report it");
+  }
+}
+
+}  // namespace saltus::worker

@@ -1,0 +1,26 @@
+#pragma once
+
+#include "core/registration/progress.h"
+#include "server/worker/registration_task.h"
+
+#include <filesystem>
+#include <functional>
+#include <string>
+#include <vector>
+
+namespace saltus::worker {
+
+enum class TaskStage { Validating, Optimising, Writing };
+
+/// Hears of the beginning of each stage and then, while optimising, of each evaluation. `progress` is empty outside of
+/// Optimising.
+using TaskObserver = std::function<ProgressAnswer(TaskStage stage, const Progress& progress)>;
+
+/// Reads the inputs, registers, and writes into `folder`: displacement, inverse_displacement, warped and jacobian in
+/// the output format, the initial momenta (momentum_<n>_order<o>, one file each, coarse to fine as in report.json),
+/// transform.h5, report.json and report.html. Returns the names of the files. Throws TaskFailure or TaskStopped;
+/// messages name files without their folder.
+std::vector<std::string> run_registration_task(const RegistrationTask& task, const std::filesystem::path& folder,
+                                               const TaskObserver& observer);
+
+}  // namespace saltus::worker

@@ -1,0 +1,24 @@
+#pragma once
+
+#include <string>
+#include <utility>
+#include <vector>
+
+namespace saltus::report {
+
+struct Curve {
+  std::string name;  ///< in the legend
+  std::vector<std::pair<double, double>> points;  ///< x ascending
+};
+
+struct LineChart {
+  std::string title, x_label, y_label;
+  std::vector<Curve> curves;  ///< at most four, told apart by the page's classes curve0 ... curve3
+  bool y_starts_at_zero = false;  ///< instead of at the least value
+  bool x_is_whole = false;        ///< x counts something: no ticks between whole numbers
+};
+
+/// An <svg> element. Points that are not finite are left out.
+std::string to_svg(const LineChart& chart);
+
+}  // namespace saltus::report

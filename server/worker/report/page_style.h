@@ -1,0 +1,66 @@
+#pragma once
+
+namespace saltus::report {
+
+/// The style sheet of the page: neutral in light and dark, and white on paper.
+inline constexpr char page_style[] = R"css(
+:root { color-scheme: light dark; --back: #fafaf8; --card: #fff; --ink: #1d2126; --soft: #62686f; --line: #dcdedf;
+        --c0: #1f5fa8; --c1: #c2541b; --c2: #3f8f4f; --c3: #8a4fa3; }
+@media (prefers-color-scheme: dark) {
+  :root { --back: #16181b; --card: #1f2226; --ink: #e7e8e9; --soft: #9aa1a8; --line: #363b41;
+          --c0: #7db1ee; --c1: #f0975f; --c2: #7fcb8e; --c3: #c79adb; } }
+* { box-sizing: border-box; }
+body { margin: 0; background: var(--back); color: var(--ink); font: 15px/1.45 system-ui, "Segoe UI", "DejaVu Sans", sans-serif; }
+main { max-width: 1240px; margin: 0 auto; padding: 28px 24px 60px; }
+h1 { font-size: 26px; font-weight: 650; margin: 0 0 2px; overflow-wrap: anywhere; }
+h2 { font-size: 17px; font-weight: 650; margin: 40px 0 10px; padding-top: 14px; border-top: 1px solid var(--line); }
+p { color: var(--soft); margin: 4px 0 12px; max-width: 80ch; }
+.lead { font-size: 16px; margin-bottom: 20px; }
+.cards { display: grid; grid-template-columns: repeat(auto-fill, minmax(215px, 1fr)); gap: 12px; }
+.card { background: var(--card); border: 1px solid var(--line); border-radius: 8px; padding: 12px 14px; }
+.card .name { color: var(--soft); font-size: 12.5px; }
+.card .value { font-size: 22px; font-weight: 600; font-variant-numeric: tabular-nums; margin: 2px 0; white-space: nowrap; }
+.card .note { color: var(--soft); font-size: 12.5px; }
+.gallery { display: grid; grid-template-columns: 1fr; gap: 22px; }
+.flat.gallery { grid-template-columns: repeat(auto-fill, minmax(320px, 1fr)); }
+figure { margin: 0; break-inside: avoid; }
+figcaption { margin-bottom: 6px; line-height: 1.35; }
+figcaption span { color: var(--soft); font-size: 13px; margin-left: 4px; }
+.panels { display: flex; gap: 10px; align-items: flex-end; }
+.panel { min-width: 0; }
+.frame { position: relative; line-height: 0; }
+.frame img { width: 100%; height: auto; border-radius: 3px; }
+img.pixels { image-rendering: pixelated; }
+.overlay { position: absolute; inset: 0; width: 100%; height: 100%; overflow: hidden; }
+.overlay path { fill: none; stroke: #ffd23e; stroke-width: 1; vector-effect: non-scaling-stroke; stroke-opacity: .85; }
+.plane { color: var(--soft); font-size: 12px; text-align: center; margin-top: 3px; }
+.side { position: absolute; font-size: 11px; line-height: 1; color: #fff; text-shadow: 0 0 2px #000, 0 0 3px #000; }
+.side.left { left: 4px; top: 50%; } .side.right { right: 4px; top: 50%; }
+.side.top { top: 4px; left: 50%; } .side.bottom { bottom: 4px; left: 50%; }
+.bar { margin-top: 8px; max-width: 420px; font-size: 12px; color: var(--soft); line-height: 1.2; }
+.bar img { display: block; width: 100%; height: 10px; border-radius: 2px; }
+.bar > div { display: flex; justify-content: space-between; margin-top: 3px; }
+.bar > div.unit { justify-content: center; margin-top: 1px; }
+.charts { display: grid; grid-template-columns: repeat(auto-fill, minmax(330px, 1fr)); gap: 16px; }
+.chart { width: 100%; height: auto; background: var(--card); border: 1px solid var(--line); border-radius: 8px; break-inside: avoid; }
+.chart text { fill: var(--ink); font-size: 11px; } .chart .tick, .chart .label { fill: var(--soft); font-size: 10.5px; }
+.chart .chart-title { font-size: 12.5px; font-weight: 600; }
+.chart .rule { stroke: var(--line); } .curve { fill: none; stroke-width: 1.8; stroke-linejoin: round; }
+.curve0 { stroke: var(--c0); } .curve1 { stroke: var(--c1); stroke-dasharray: 5 3; }
+.curve2 { stroke: var(--c2); stroke-dasharray: 1.5 2.5; } .curve3 { stroke: var(--c3); stroke-dasharray: 8 2 2 2; }
+.columns { display: grid; grid-template-columns: repeat(auto-fit, minmax(380px, 1fr)); gap: 8px 32px; align-items: start; }
+.scroll { overflow-x: auto; } table { border-collapse: collapse; width: 100%; font-size: 13.5px; font-variant-numeric: tabular-nums; }
+th { text-align: right; font-weight: 600; color: var(--soft); border-bottom: 1px solid var(--line); padding: 5px 10px; }
+td { text-align: right; border-bottom: 1px solid var(--line); padding: 4px 10px; white-space: nowrap; }
+th:first-child, td:first-child { text-align: left; padding-left: 0; }
+.settings td:last-child { white-space: normal; text-align: left; color: var(--soft); } .settings th:last-child { text-align: left; }
+footer { margin-top: 40px; color: var(--soft); font-size: 12.5px; }
+@media print {
+  :root { color-scheme: light; --back: #fff; --card: #fff; --ink: #000; --soft: #444; --line: #bbb;
+          --c0: #1f5fa8; --c1: #c2541b; --c2: #3f8f4f; --c3: #8a4fa3; }
+  body { font-size: 10.5pt; } main { max-width: none; padding: 0; }
+  h2 { break-after: avoid; } tr, .card { break-inside: avoid; }
+  * { print-color-adjust: exact; -webkit-print-color-adjust: exact; } }
+)css";
+
+}  // namespace saltus::report

@@ -1,0 +1,50 @@
+#pragma once
+
+#include "server/worker/report/raster.h"
+#include "server/worker/report/report.h"
+#include "server/worker/report/slice_plane.h"
+
+namespace saltus::report {
+
+/// Paints slices of what a registration has read and found. Scales are chosen once, over the whole image, so that
+/// slices and before/after pairs can be compared. Keeps a reference to the input.
+template <int Dim>
+class Pictures {
+ public:
+  explicit Pictures(const ReportInput<Dim>& input);
+
+  Raster fixed(const SlicePlane<Dim>& plane) const;
+  Raster moving(const SlicePlane<Dim>& plane) const;  ///< on the fixed grid, after the affine start alone
+  Raster warped(const SlicePlane<Dim>& plane) const;
+  Raster difference_before(const SlicePlane<Dim>& plane) const;  ///< moving - fixed
+  Raster difference_after(const SlicePlane<Dim>& plane) const;   ///< warped - fixed
+  Raster checkerboard(const SlicePlane<Dim>& plane) const;       ///< fixed and warped by turns
+  Raster displacement(const SlicePlane<Dim>& plane) const;
+  Raster jacobian(const SlicePlane<Dim>& plane) const;
+  Raster momentum(const SlicePlane<Dim>& plane, std::size_t field) const;
+
+  double difference_range() const { return difference_range_; }  ///< shares of the intensity window, each way
+  double displacement_range() const { return displacement_range_; }  ///< mm
+  double jacobian_range() const { return jacobian_range_; }  ///< the colours end at 1/range and range, > 1
+  double momentum_range(std::size_t field) const { return momentum_ranges_[field]; }
+
+ private:
+  struct Window {
+    double low = 0, high = 1;
+    double operator()(double intensity) const { return (intensity - low) / (high - low); }
+  };
+  static Window window_of(const Volume<Dim>& image);
+
+  double fixed_at(const Vector<Dim>& index) const;  ///< in the window: 0 to 1
+  double moving_at(const Vector<Dim>& index) const;
+  double warped_at(const Vector<Dim>& index) const;
+  template <class ColourAt>
+  Raster paint(const SlicePlane<Dim>& plane, const ColourAt& colour_at) const;
+
+  const ReportInput<Dim>& input_;
+  Window fixed_window_, moving_window_;
+  double difference_range_ = 1, displacement_range_ = 1, jacobian_range_ = 2;
+  std::vector<double> momentum_ranges_;
+};
+
+}  // namespace saltus::report

@@ -1,0 +1,40 @@
+#include "server/worker/report/raster.h"
+
+#include <png.h>
+
+#include <stdexcept>
+
+namespace saltus::report {
+
+std::string encode_png(const Raster& raster) {
+  png_image image{};
+  image.version = PNG_IMAGE_VERSION;
+  image.width = static_cast<png_uint_32>(raster.width);
+  image.height = static_cast<png_uint_32>(raster.height);
+  image.format = PNG_FORMAT_RGB;
+  // The first call only tells the size; libpng allows guessing an upper bound, but then compresses twice as well.
+  png_alloc_size_t bytes = PNG_IMAGE_PNG_SIZE_MAX(image);
+  std::string file(bytes, '\0');
+  if (!png_image_write_to_memory(&image, file.data(), &bytes, 0, raster.pixels.data(), 0, nullptr))
+    throw std::runtime_error(std::string("a picture of the report cannot be encoded: ") + image.message);
+  file.resize(bytes);
+  return file;
+}
+
+std::string base64(std::string_view bytes) {
+  constexpr std::string_view digits = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
+  std::string text;
+  text.reserve((bytes.size() + 2) / 3 * 4);
+  for (std::size_t i = 0; i < bytes.size(); i += 3) {
+    std::uint32_t group = 0;
+    for (std::size_t k = 0; k < 3; ++k)
+      group = group << 8 | (i + k < bytes.size() ? static_cast<std::uint8_t>(bytes[i + k]) : 0u);
+    for (std::size_t k = 0; k < 4; ++k)
+      text += i + k <= bytes.size() ? digits[group >> (18 - 6 * k) & 63] : '=';
+  }
+  return text;
+}
+
+std::string data_uri(const Raster& raster) { return "data:image/png;base64," + base64(encode_png(raster)); }
+
+}  // namespace saltus::report

@@ -1,0 +1,37 @@
+#pragma once
+
+#include "core/registration/options.h"
+#include "core/registration/register_images.h"
+#include "core/registration/result.h"
+
+#include <cstddef>
+#include <map>
+#include <string>
+#include <vector>
+
+namespace saltus::report {
+
+/// What a finished registration is reported from. The pointers must be set and are only read.
+template <int Dim>
+struct ReportInput {
+  const RegistrationInput<Dim>* input = nullptr;
+  const RegistrationResult<Dim>* result = nullptr;
+  const RegistrationOptions* options = nullptr;
+  std::vector<Vector<Dim>> fixed_points;   ///< landmarks, world mm (LPS); none, or as many as moving_points
+  std::vector<Vector<Dim>> moving_points;
+  std::string title;                       ///< shown on the page; any text
+  std::size_t peak_memory_bytes = 0;       ///< 0: not known
+  std::map<std::string, double> stage_seconds;  ///< wall seconds of what was done around the registration, by name
+};
+
+/// The report for programs: settings, grids, levels, convergence, similarity, landmark errors, Jacobian, timings.
+/// server/worker/report/README.md lists the fields. Throws InvalidInput when the numbers of landmarks differ.
+template <int Dim>
+std::string report_json(const ReportInput<Dim>& input);
+
+/// The same for people: one HTML page with its pictures inside, which loads nothing from anywhere.
+/// Throws InvalidInput when the numbers of landmarks differ.
+template <int Dim>
+std::string report_html(const ReportInput<Dim>& input);
+
+}  // namespace saltus::report

@@ -1,0 +1,132 @@
+#include "server/worker/report/measures.h"
+#include "server/worker/report/report.h"
+
+#include <nlohmann/json.hpp>
+
+#include <charconv>
+
+namespace saltus::report {
+namespace {
+
+using Json = nlohmann::ordered_json;
+
+template <class Eigen>
+Json list(const Eigen& vector) {
+  return Json(std::vector<double>(vector.data(), vector.data() + vector.size()));
+}
+
+/// Rows of a matrix, so that it reads as it is written on paper.
+template <int Dim>
+Json rows(const Matrix<Dim>& matrix) {
+  Json all = Json::array();
+  for (int row = 0; row < Dim; ++row) all.push_back(list(Vector<Dim>(matrix.row(row))));
+  return all;
+}
+
+template <int Dim>
+Json describe(const ImageGrid<Dim>& grid) {
+  return {{"size", grid.size}, {"spacing_mm", list(grid.spacing)}, {"origin_mm", list(grid.origin)},
+          {"direction", rows<Dim>(grid.direction)}};
+}
+
+/// Parameters come as text; numbers and booleans are told as what they are.
+Json value_of(const std::string& text) {
+  if (text == "true" || text == "false") return text == "true";
+  double number = 0;
+  const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), number);
+  if (error != std::errc() || end != text.data() + text.size()) return text;
+  return number;
+}
+
+Json describe(const Statistics& statistics) {
+  return {{"count", statistics.count},   {"mean", statistics.mean}, {"sd", statistics.sd},
+          {"median", statistics.median}, {"p90", statistics.p90},   {"max", statistics.max}};
+}
+
+Json describe(const LevelSummary& level) {
+  return {{"level", level.level},
+          {"grid", level.grid},
+          {"spacing_mm", level.spacing_mm},
+          {"iterations", level.iterations},
+          {"evaluations", level.evaluations},
+          {"energy_before", level.energy_before},
+          {"energy_after", level.energy_after},
+          {"termination", to_string(level.termination)},
+          {"seconds", level.seconds},
+          {"cpu_seconds", level.cpu_seconds}};
+}
+
+Json describe(const IterationRecord& record) {
+  return {{"level", record.level},
+          {"iteration", record.iteration},
+          {"energy", record.energy},
+          {"similarity", record.similarity},
+          {"regularisation", record.regularisation},
+          {"sparsity", record.sparsity},
+          {"step", record.step},
+          {"optimality", record.optimality}};
+}
+
+template <int Dim>
+Json describe(const MomentumField<Dim>& field) {
+  Json json{{"order", field.axis < 0 ? 0 : 1}};
+  if (field.axis >= 0) json["axis"] = field.axis;
+  json["kernel"] = field.kernel;
+  json["width_mm"] = field.width_mm;
+  json["size"] = field.vectors.grid.size;
+  json["spacing_mm"] = list(field.vectors.grid.spacing);
+  json["active_share"] = active_share(field.vectors);
+  return json;
+}
+
+}  // namespace
+
+template <int Dim>
+std::string report_json(const ReportInput<Dim>& input) {
+  const RegistrationOptions& options = *input.options;
+  const RegistrationResult<Dim>& result = *input.result;
+  const RegistrationSummary& summary = result.summary;
+
+  Json json;
+  json["title"] = input.title;
+  json["dimension"] = Dim;
+  json["model"] = to_string(options.model);
+  json["similarity"] = to_string(options.similarity);
+  json["preset"] = to_string(options.preset);
+  for (const ParameterInfo& parameter : list_parameters(options)) json["parameters"][parameter.name] = value_of(parameter.value);
+  json["threads"] = options.threads;
+  json["fixed"] = describe(input.input->fixed.grid);
+  json["moving"] = describe(input.input->moving.grid);
+  json["affine_start"] = {{"linear", rows<Dim>(input.input->start.linear)}, {"offset_mm", list(input.input->start.offset)}};
+
+  json["termination"] = to_string(summary.termination);
+  json["similarity_value"] = {{"before", summary.similarity_before}, {"after", summary.similarity_after}};
+  if (const auto landmarks = measure_landmarks(input)) {
+    json["landmark_error_mm"]["before"] = describe(statistics(landmarks->before));
+    if (landmarks->start) json["landmark_error_mm"]["affine_start"] = describe(statistics(*landmarks->start));
+    json["landmark_error_mm"]["after"] = describe(statistics(landmarks->after));
+  }
+  const DisplacementMeasures displacement = measure_displacement(result.displacement);
+  json["displacement_mm"] = {{"mean", displacement.mean_mm}, {"max", displacement.max_mm}};
+  const JacobianMeasures jacobian = measure_jacobian(result.jacobian);
+  json["jacobian"] = {{"min", jacobian.min}, {"max", jacobian.max}, {"share_not_positive", jacobian.share_not_positive},
+                      {"sd_log", jacobian.sd_log}};
+  json["inverse_consistency_mm"] = summary.inverse_consistency_mm;
+  if (summary.hamiltonian_drift >= 0) json["hamiltonian_drift"] = summary.hamiltonian_drift;
+  json["active_first_order_share"] = summary.active_first_order_share;
+  json["seconds"] = {{"wall", summary.seconds}, {"cpu", summary.cpu_seconds}};
+  json["stage_seconds"] = input.stage_seconds;
+  if (input.peak_memory_bytes > 0) json["peak_memory_bytes"] = input.peak_memory_bytes;
+
+  json["momenta"] = json["levels"] = json["history"] = Json::array();
+  for (const MomentumField<Dim>& field : result.momenta) json["momenta"].push_back(describe(field));
+  for (const LevelSummary& level : summary.levels) json["levels"].push_back(describe(level));
+  for (const IterationRecord& record : summary.history) json["history"].push_back(describe(record));
+  // A title may hold any bytes; what is no UTF-8 must not cost the report.
+  return json.dump(2, ' ', false, Json::error_handler_t::replace) + "\n";
+}
+
+template std::string report_json(const ReportInput<2>&);
+template std::string report_json(const ReportInput<3>&);
+
+}  // namespace saltus::report

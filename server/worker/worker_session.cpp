@@ -1,0 +1,188 @@
+#include "server/worker/worker_session.h"
+
+#include "client/lib/blob_transfer.h"
+#include "client/lib/client_error.h"
+#include "server/worker/registration_job.h"
+#include "server/worker/work_folder.h"
+
+#include <iostream>
+
+#include <unistd.h>
+
+namespace saltus::worker {
+namespace {
+
+WorkerExit exit_for(StopReason reason) {
+  switch (reason) {
+    case StopReason::Cancelled:
+      return OutcomeReported;
+    case StopReason::LeaseLost:
+      return LeaseLostExit;
+    case StopReason::Unreachable:
+      return DaemonUnreachable;
+    case StopReason::Terminated:
+      return TerminatedExit;
+    case StopReason::None:
+      break;
+  }
+  return InternalError;
+}
+
+WorkerExit exit_for(const client::ClientError& error) {
+  std::cerr << "saltus-worker: " << error.what() << std::endl;
+  if (error.code() == grpc::StatusCode::ABORTED) return LeaseLostExit;
+  return error.code() == grpc::StatusCode::UNAVAILABLE ? DaemonUnreachable : InternalError;
+}
+
+/// The work stopped because it was asked to.
+WorkerExit finish_stopped(Lease& lease) {
+  if (lease.stop_reason() == StopReason::Cancelled) lease.complete_cancelled();
+  return exit_for(lease.stop_reason());
+}
+
+void report_stage(Lease& lease, v1::JobStage stage) {
+  v1::JobProgress progress;
+  progress.set_stage(stage);
+  progress.set_seconds_left(-1);
+  lease.set_progress(progress);
+}
+
+v1::JobStage stage_of(TaskStage stage) {
+  switch (stage) {
+    case TaskStage::Validating:
+      return v1::JOB_STAGE_VALIDATING;
+    case TaskStage::Optimising:
+      return v1::JOB_STAGE_OPTIMISING;
+    case TaskStage::Writing:
+      return v1::JOB_STAGE_WRITING;
+  }
+  return v1::JOB_STAGE_UNSPECIFIED;
+}
+
+v1::JobProgress progress_of(TaskStage stage, const Progress& progress) {
+  v1::JobProgress message;
+  message.set_stage(stage_of(stage));
+  message.set_level(progress.level);
+  message.set_levels(progress.levels);
+  message.set_iteration(progress.iteration);
+  message.set_max_iterations(progress.max_iterations);
+  message.set_energy(progress.energy);
+  message.set_similarity(progress.similarity);
+  message.set_fraction(progress.fraction);
+  message.set_seconds_left(progress.seconds_left);
+  return message;
+}
+
+AffineStart affine_of(v1::AffineStart start) {
+  if (start == v1::AFFINE_START_RIGID) return AffineStart::Rigid;
+  if (start == v1::AFFINE_START_AFFINE) return AffineStart::Affine;
+  return AffineStart::None;
+}
+
+/// A message may quote a damaged file; it travels as UTF-8 text of limited length.
+std::string fit_for_transport(std::string message) {
+  constexpr std::size_t longest = 2000;
+  if (message.size() > longest) message.resize(longest);
+  for (char& character : message)
+    if (character < ' ' || character > '~') character = '?';
+  return message;
+}
+
+/// Downloads the inputs and says where they are.
+RegistrationTask fetch_task(const v1::AcquireLeaseResponse& terms, client::BlobTransfer& blobs,
+                            const std::filesystem::path& folder) {
+  const v1::RegistrationSpec& spec = terms.spec();
+  const auto fetch = [&](const v1::InputFile& input, const std::string& name) {
+    const std::filesystem::path file = folder / (name + "." + input.format());
+    blobs.download(input.digest(), file);
+    return file;
+  };
+  RegistrationTask task;
+  task.fixed = fetch(spec.fixed(), "fixed");
+  task.moving = fetch(spec.moving(), "moving");
+  if (spec.has_fixed_mask()) task.fixed_mask = fetch(spec.fixed_mask(), "fixed_mask");
+  if (spec.has_moving_mask()) task.moving_mask = fetch(spec.moving_mask(), "moving_mask");
+  if (spec.has_fixed_points()) task.fixed_points = fetch(spec.fixed_points(), "fixed_points");
+  if (spec.has_moving_points()) task.moving_points = fetch(spec.moving_points(), "moving_points");
+  task.model = spec.model();
+  task.similarity = spec.similarity();
+  task.preset = spec.preset();
+  task.settings.insert(spec.settings().begin(), spec.settings().end());
+  task.affine = affine_of(spec.affine());
+  if (spec.has_intensity_window())
+    task.intensity_window = {spec.intensity_window().low(), spec.intensity_window().high()};
+  if (spec.has_crop())
+    task.crop = {{spec.crop().begin().begin(), spec.crop().begin().end()},
+                 {spec.crop().end().begin(), spec.crop().end().end()}};
+  task.output_format = spec.output_format();
+  task.threads = terms.threads() > 0 ? terms.threads() : 1;
+  return task;
+}
+
+WorkerExit work(Lease& lease, const AttemptIdentity& identity, const std::filesystem::path& folder) {
+  client::BlobTransfer blobs(client::make_channel(identity.server), lease.transfer_settings());
+  try {
+    report_stage(lease, v1::JOB_STAGE_FETCHING);
+    const RegistrationTask task = fetch_task(lease.terms(), blobs, folder);
+
+    const std::filesystem::path results = folder / "results";
+    std::filesystem::create_directory(results);
+    const auto names = run_registration_task(task, results, [&lease](TaskStage stage, const Progress& progress) {
+      lease.set_progress(progress_of(stage, progress));
+      return lease.stop_reason() == StopReason::None ? ProgressAnswer::Continue : ProgressAnswer::Stop;
+    });
+
+    std::vector<v1::Artifact> artifacts;
+    for (const std::string& name : names) {
+      const client::FileDigest sent = blobs.upload(results / name);
+      v1::Artifact artifact;
+      artifact.set_name(name);
+      artifact.set_digest(sent.digest);
+      artifact.set_size(sent.size);
+      artifacts.push_back(artifact);
+    }
+    lease.complete_success(artifacts);
+    return OutcomeReported;
+  } catch (const TaskStopped&) {
+    return finish_stopped(lease);
+  } catch (const TaskFailure& failure) {
+    lease.complete_failure(failure.reason(), fit_for_transport(failure.what()));
+    return OutcomeReported;
+  } catch (const client::ClientError& error) {
+    // A transfer that was cut off is no error of its own.
+    if (error.code() == grpc::StatusCode::CANCELLED && lease.stop_reason() != StopReason::None)
+      return finish_stopped(lease);
+    if (error.code() == grpc::StatusCode::NOT_FOUND || error.code() == grpc::StatusCode::DATA_LOSS) {
+      lease.complete_failure("INPUT_MISSING", std::string("an input is no longer on the server (") + error.what() +
+                                                  "); submit the job again");
+      return OutcomeReported;
+    }
+    throw;
+  }
+}
+
+}  // namespace
+
+WorkerExit run_attempt(const AttemptIdentity& identity) {
+  try {
+    WorkFolder folder;
+    Lease lease(identity, [&folder](Lease& late) {
+      // The solver is deep in one evaluation, or in ITK, and does not look up. What it would make is not wanted.
+      try {
+        if (late.stop_reason() == StopReason::Cancelled) late.complete_cancelled();
+      } catch (const client::ClientError& error) {
+        std::cerr << "saltus-worker: the cancellation could not be reported: " << error.what() << std::endl;
+      }
+      folder.remove();
+      _exit(exit_for(late.stop_reason()));
+    });
+    return work(lease, identity, folder.path());
+  } catch (const client::ClientError& error) {
+    return exit_for(error);
+  } catch (const std::exception& error) {
+    std::cerr << "saltus-worker: " << error.what() << std::endl;
+    return InternalError;
+  }
+}
+
+}  // namespace saltus::worker

@@ -1,0 +1,21 @@
+#pragma once
+
+#include "server/worker/lease.h"
+
+namespace saltus::worker {
+
+/// How saltus-worker ends; the daemon decides by the job's record, these are for people and launchers.
+enum WorkerExit {
+  OutcomeReported = 0,    ///< success, failure or cancellation was accepted by the daemon
+  InternalError = 1,      ///< nothing was reported; the reason is on standard error
+  UsageError = 2,         ///< of the command line
+  DaemonUnreachable = 3,  ///< for as long as the lease lasts
+  LeaseLostExit = 4,      ///< the attempt is no longer wanted
+  TerminatedExit = 5      ///< by SIGTERM, before an outcome
+};
+
+/// Does one attempt from lease to outcome: fetches the inputs into a temporary folder, runs the registration, sends the
+/// artefacts and completes the job. Everything it needs from the daemon it asks for; nothing of it stays on disk.
+WorkerExit run_attempt(const AttemptIdentity& identity);
+
+}  // namespace saltus::worker

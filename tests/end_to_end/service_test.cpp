@@ -1,0 +1,267 @@
+#include "core/image_io/read_image.h"
+#include "core/image_io/write_image.h"
+#include "tests/support/blob_pair.h"
+#include "tests/support/child_process.h"
+#include "tests/support/temporary_folder.h"
+
+#include <gmock/gmock.h>
+#include <nlohmann/json.hpp>
+
+#include <csignal>
+
+namespace saltus {
+namespace {
+
+using nlohmann::json;
+using testing::AllOf;
+using testing::HasSubstr;
+using testing_support::blob_scene;
+using testing_support::ChildProcess;
+using testing_support::content_of;
+using testing_support::ProcessHandle;
+
+const std::string programs = SALTUS_PROGRAMS;
+constexpr double shift_mm = 3;
+
+/// A finished command.
+struct Outcome {
+  int exit_code;
+  std::string out, err;
+};
+
+/// The programs as a user has them: images in a folder, temporary files where they can be counted.
+class EndToEnd : public testing::Test {
+ protected:
+  void SetUp() override {
+    write_volume(folder / "fixed.mha", blob_scene(48, 0));
+    write_volume(folder / "moving.mha", blob_scene(48, shift_mm));
+    std::filesystem::create_directory(folder / "tmp");
+  }
+
+  std::map<std::string, std::string> environment() const { return {{"TMPDIR", (folder / "tmp").string()}}; }
+
+  ChildProcess start(std::vector<std::string> arguments) const {
+    arguments.insert(arguments.begin(), programs + "/saltus");
+    return ChildProcess(arguments, environment());
+  }
+  Outcome run(const std::vector<std::string>& arguments) const {
+    ChildProcess child = start(arguments);
+    const int exit_code = child.wait();
+    return {exit_code, child.out(), child.err()};
+  }
+  /// `command` with a pair to register. It takes a moment, or is made to take what the test needs.
+  std::vector<std::string> job(std::vector<std::string> command, const std::vector<std::string>& more = {}) const {
+    command.insert(command.end(), {"--fixed", folder / "fixed.mha", "--moving", folder / "moving.mha", "--format", "mha",
+                                   "--preset", "fast", "--threads", "1"});
+    command.insert(command.end(), more.begin(), more.end());
+    return command;
+  }
+  static std::vector<std::string> of_a_moment() {
+    return {"--model", "gaussian", "--similarity", "ssd", "--set", "regularisation=0.0001"};
+  }
+  static std::vector<std::string> of_some_seconds() {
+    return {"--set", "tolerance=0", "--set", "time_steps=16", "--set", "max_iterations=150"};
+  }
+  static std::vector<std::string> of_minutes() {
+    return {"--set", "tolerance=0", "--set", "time_steps=64", "--set", "max_iterations=10000", "--set", "levels=1",
+            "--set", "width_voxels=64"};
+  }
+
+  // Oracle: the scene was moved by (shift, 0) mm.
+  void expect_shift(const std::filesystem::path& file) const {
+    const auto field = read_vector_volume<2>(file);
+    const std::size_t middle = 48 * 24 + 24;
+    EXPECT_NEAR(field.component(0)[middle], shift_mm, 0.2 * shift_mm);
+    EXPECT_NEAR(field.component(1)[middle], 0, 0.2 * shift_mm);
+  }
+
+  testing_support::TemporaryFolder folder;
+};
+
+TEST_F(EndToEnd, RegistersWithoutAServerAndLeavesNothingBehind) {
+  const std::filesystem::path out = folder / "out";
+  const Outcome outcome = run(job({"register", "--out", out}, of_a_moment()));
+  ASSERT_EQ(outcome.exit_code, 0) << outcome.err;
+  EXPECT_THAT(outcome.out, AllOf(HasSubstr("gaussian, ssd, fast"), HasSubstr("similarity"), HasSubstr(out.string())));
+  EXPECT_THAT(outcome.err, HasSubstr("succeeded"));
+  expect_shift(out / "displacement.mha");
+  for (const char* name : {"inverse_displacement.mha", "warped.mha", "jacobian.mha", "momentum_1_order0.mha",
+                           "transform.h5", "report.json", "report.html"})
+    EXPECT_TRUE(std::filesystem::exists(out / name)) << name;
+  EXPECT_TRUE(std::filesystem::is_empty(folder / "tmp"));
+}
+
+TEST_F(EndToEnd, RegisterTellsJobAndReportAsJson) {
+  const Outcome outcome = run(job({"register", "--json", "--out", folder / "out"}, of_a_moment()));
+  ASSERT_EQ(outcome.exit_code, 0) << outcome.err;
+  const json answer = json::parse(outcome.out);
+  EXPECT_EQ(answer["job"]["state"], "SUCCEEDED");
+  EXPECT_EQ(answer["report"], json::parse(content_of(folder / "out" / "report.json")));
+}
+
+TEST_F(EndToEnd, AnInterruptCancelsTheJobAndLeavesNothingBehind) {
+  ChildProcess child = start(job({"register", "--out", folder / "out"}, of_minutes()));
+  child.wait_for_output("iteration");
+  child.signal(SIGINT);
+  EXPECT_EQ(child.wait(), 4);
+  EXPECT_THAT(child.err(), HasSubstr("was cancelled"));
+  EXPECT_TRUE(std::filesystem::is_empty(folder / "tmp"));
+  EXPECT_FALSE(std::filesystem::exists(folder / "out"));
+}
+
+// The daemon's folder is there before the daemon has answered anything.
+TEST_F(EndToEnd, AnInterruptAtAnyTimeLeavesNothingBehind) {
+  for (int attempt = 0; attempt < 5; ++attempt) {
+    ChildProcess child = start(job({"register", "--out", folder / "out"}, of_minutes()));
+    while (std::filesystem::is_empty(folder / "tmp"))
+      ASSERT_FALSE(ProcessHandle(child.id()).ends_within(std::chrono::milliseconds(attempt))) << child.err();
+    child.signal(SIGINT);
+    EXPECT_EQ(child.wait(), 4) << child.err();
+    EXPECT_TRUE(std::filesystem::is_empty(folder / "tmp"));
+  }
+}
+
+struct BadInput {
+  const char* name;
+  int exit_code;
+  std::vector<std::string> more;       ///< options that go behind good ones
+  std::vector<std::string> complaint;  ///< what the message must name
+};
+
+class BadInputTest : public EndToEnd, public testing::WithParamInterface<BadInput> {};
+
+TEST_P(BadInputTest, EndsWithItsCodeAndOneLine) {
+  folder.write("text.mha", "no image");
+  write_volume(folder / "mask.mha", blob_scene(20, 0));
+  std::vector<std::string> more = GetParam().more;
+  for (std::string& word : more)
+    if (word.ends_with(".mha")) word = (folder / word).string();
+  const Outcome outcome = run(job({"register", "--out", folder / "out"}, more));
+  EXPECT_EQ(outcome.exit_code, GetParam().exit_code) << outcome.err;
+  const auto begin = outcome.err.find("saltus: ");
+  ASSERT_NE(begin, std::string::npos) << outcome.err;
+  const std::string complaint = outcome.err.substr(begin);
+  EXPECT_EQ(std::count(complaint.begin(), complaint.end(), '\n'), 1) << complaint;
+  for (const std::string& text : GetParam().complaint) EXPECT_THAT(complaint, HasSubstr(text));
+}
+
+INSTANTIATE_TEST_SUITE_P(
+    EndToEnd, BadInputTest,
+    testing::Values(BadInput{"unreadable", 1, {"--fixed-mask", "text.mha"}, {"INPUT_UNREADABLE", "fixed_mask.mha"}},
+                    BadInput{"mask_elsewhere", 1, {"--moving-mask", "mask.mha"}, {"GEOMETRY_MISMATCH", "moving mask"}},
+                    BadInput{"window", 2, {"--intensity-window", "5,1"}, {"--intensity-window", "5,1"}},
+                    BadInput{"outside_crop", 1, {"--crop", "0,0:500,20"}, {"INVALID_OPTIONS"}},
+                    BadInput{"parameter", 2, {"--set", "steps=4"}, {"steps"}}),
+    [](const auto& info) { return info.param.name; });
+
+/// A daemon of the test's own, which may be killed and started again on the same data.
+class ServerTest : public EndToEnd {
+ protected:
+  void SetUp() override {
+    EndToEnd::SetUp();
+    start_daemon();
+  }
+
+  void start_daemon() {
+    daemon.emplace(std::vector<std::string>{programs + "/saltusd", "--data", folder / "data", "--listen", address},
+                   environment());
+    daemon->wait_for_output("listening on");
+  }
+  /// `arguments` and the daemon's address.
+  std::vector<std::string> here(std::vector<std::string> arguments) const {
+    arguments.insert(arguments.end(), {"--server", address});
+    return arguments;
+  }
+  std::string submit(const std::vector<std::string>& more = of_a_moment()) const {
+    const Outcome outcome = run(here(job({"submit"}, more)));
+    EXPECT_EQ(outcome.exit_code, 0) << outcome.err;
+    return outcome.out.substr(0, outcome.out.find('\n'));
+  }
+  json get(const std::string& id) const { return json::parse(run(here({"get", id, "--json"})).out); }
+
+  const std::string address = "unix:" + (folder / "socket").string();
+  std::optional<ChildProcess> daemon;
+};
+
+TEST_F(ServerTest, KeepsAJobFromSubmissionToDeletion) {
+  const std::string id = submit();
+  EXPECT_EQ(run(here({"watch", id})).exit_code, 0);
+  EXPECT_EQ(get(id)["state"], "SUCCEEDED");
+
+  const json listed = json::parse(run(here({"list", "--json", "--state", "succeeded"})).out);
+  ASSERT_EQ(listed.size(), 1u);
+  EXPECT_EQ(listed[0]["id"], id);
+
+  const Outcome fetched = run(here({"fetch", id, "--out", folder / "out"}));
+  EXPECT_EQ(fetched.exit_code, 0) << fetched.err;
+  expect_shift(folder / "out" / "displacement.mha");
+
+  EXPECT_EQ(run(here({"delete", id})).exit_code, 0);
+  const Outcome gone = run(here({"get", id}));
+  EXPECT_EQ(gone.exit_code, 1);
+  EXPECT_THAT(gone.err, HasSubstr(id));
+}
+
+TEST_F(ServerTest, WatchTellsEachStateAsALineOfJson) {
+  const Outcome outcome = run(here({"watch", submit(), "--json"}));
+  EXPECT_EQ(outcome.exit_code, 0);
+  std::istringstream lines(outcome.out);
+  json last;
+  for (std::string line; std::getline(lines, line);) last = json::parse(line);
+  EXPECT_EQ(last["state"], "SUCCEEDED");
+}
+
+TEST_F(ServerTest, ACancelledJobStopsItsWorkerSoon) {
+  const std::string id = submit(of_minutes());
+  ChildProcess watch = start(here({"watch", id}));
+  watch.wait_for_output("iteration");
+  const auto workers = daemon->children();
+  ASSERT_EQ(workers.size(), 1u);
+  const ProcessHandle worker(workers[0]);
+
+  EXPECT_EQ(run(here({"cancel", id})).exit_code, 0);
+  EXPECT_TRUE(worker.ends_within(std::chrono::seconds(10)));
+  EXPECT_EQ(watch.wait(), 4);
+  EXPECT_THAT(watch.err(), HasSubstr("was cancelled"));
+  EXPECT_EQ(get(id)["state"], "CANCELLED");
+  EXPECT_TRUE(std::filesystem::is_empty(folder / "tmp")) << "the worker left files";
+  EXPECT_EQ(run(here({"fetch", id, "--out", folder / "out"})).exit_code, 4);
+}
+
+TEST_F(ServerTest, AJobOutlivesAKilledDaemon) {
+  const std::string id = submit(of_some_seconds());
+  ChildProcess watch = start(here({"watch", id}));
+  watch.wait_for_output("iteration");
+  const auto workers = daemon->children();
+  ASSERT_EQ(workers.size(), 1u);
+  const ProcessHandle worker(workers[0]);
+  daemon->signal(SIGKILL);
+  EXPECT_EQ(daemon->wait(), 128 + SIGKILL);
+  ASSERT_FALSE(worker.ends_within(std::chrono::seconds(0))) << "the job was over too early to show anything";
+
+  start_daemon();
+  EXPECT_EQ(watch.wait(), 0) << watch.err();
+  const json job = get(id);
+  EXPECT_EQ(job["state"], "SUCCEEDED");
+  EXPECT_EQ(job["attempt"], 1) << "the worker's own attempt counts";
+  EXPECT_EQ(run(here({"fetch", id, "--out", folder / "out"})).exit_code, 0);
+  expect_shift(folder / "out" / "displacement.mha");
+}
+
+TEST_F(ServerTest, SaysThatTheServerIsAway) {
+  daemon->signal(SIGTERM);
+  EXPECT_EQ(daemon->wait(), 0);
+  const Outcome outcome = run(here({"list"}));
+  EXPECT_EQ(outcome.exit_code, 3);
+  EXPECT_THAT(outcome.err, HasSubstr(address));
+}
+
+TEST_F(ServerTest, RegistersOnAGivenServer) {
+  const Outcome outcome = run(here(job({"register", "--out", folder / "out"}, of_a_moment())));
+  EXPECT_EQ(outcome.exit_code, 0) << outcome.err;
+  expect_shift(folder / "out" / "displacement.mha");
+  EXPECT_EQ(json::parse(run(here({"list", "--json"})).out).size(), 1u) << "the job stays on the server";
+}
+
+}  // namespace
+}  // namespace saltus

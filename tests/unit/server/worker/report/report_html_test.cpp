@@ -1,0 +1,85 @@
+#include "server/worker/report/report.h"
+#include "tests/unit/server/worker/report/report_scene.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <regex>
+
+namespace saltus::report {
+namespace {
+
+using testing::HasSubstr;
+using testing::Not;
+
+std::size_t count(const std::string& text, const std::string& part) {
+  std::size_t found = 0;
+  for (auto at = text.find(part); at != std::string::npos; at = text.find(part, at + part.size())) ++found;
+  return found;
+}
+
+template <class Scene>
+void expect_self_contained(const Scene& scene) {
+  const std::string html = report_html(scene.report);
+  EXPECT_THAT(html, Not(HasSubstr("http:")));
+  EXPECT_THAT(html, Not(HasSubstr("https:")));
+  for (const char* loader : {"<link", "<script", "<iframe", "@import", "url(", "srcset"})
+    EXPECT_THAT(html, Not(HasSubstr(loader)));
+  EXPECT_GT(count(html, "src=\""), 10u);
+  EXPECT_EQ(count(html, "src=\""), count(html, "src=\"data:image/png;base64,"));
+}
+
+TEST(ReportHtml, LoadsNothingFromAnywhere) {
+  ReportScene<2> flat(3);
+  flat.add_landmark({2, 5}, 1);
+  expect_self_contained(flat);
+  ReportScene<3> solid(3);
+  solid.add_landmark({2, 5, 7}, 1);
+  expect_self_contained(solid);
+}
+
+TEST(ReportHtml, ClosesWhatItOpens) {
+  ReportScene<3> scene(3);
+  scene.add_landmark({2, 5, 7}, 1);
+  const std::string html = report_html(scene.report);
+  for (const std::string tag : {"html", "head", "body", "main", "section", "div", "figure", "figcaption", "table", "tr",
+                                "td", "th", "svg", "text", "span", "p", "h2"})
+    EXPECT_EQ(count(html, "<" + tag + ">") + count(html, "<" + tag + " "), count(html, "</" + tag + ">")) << tag;
+}
+
+TEST(ReportHtml, ShowsThreePlanesOfAVolumeAndOneOfAFlatImage) {
+  EXPECT_THAT(report_html(ReportScene<3>(3).report), testing::AllOf(HasSubstr("axial"), HasSubstr("coronal"), HasSubstr("sagittal")));
+  EXPECT_THAT(report_html(ReportScene<2>(3).report), Not(HasSubstr("axial")));
+}
+
+TEST(ReportHtml, ShowsTheKeyNumbers) {
+  ReportScene<2> scene(3);
+  scene.add_landmark({2, 5}, 0.5);
+  const std::string html = report_html(scene.report);
+  EXPECT_THAT(html, HasSubstr("3.04 \u2192 0.5 mm"));  // hypot(0.5, 3)
+  EXPECT_THAT(html, HasSubstr("9 \u2192 2.5"));
+  EXPECT_THAT(html, HasSubstr("0.52 %"));  // one voxel of 192 folds
+  EXPECT_THAT(html, HasSubstr("2.5 s of CPU"));
+}
+
+TEST(ReportHtml, ShowsATitleAsText) {
+  ReportScene<2> scene(3);
+  scene.report.title = "<script>alert('x')</script> & co";
+  const std::string html = report_html(scene.report);
+  EXPECT_THAT(html, Not(HasSubstr("<script>")));
+  EXPECT_THAT(html, HasSubstr("&lt;script&gt;"));
+}
+
+TEST(ReportHtml, CopesWithAConstantImageAndNoMotion) {
+  ReportScene<3> scene(0);
+  for (Volume<3>* image : {&scene.images.fixed, &scene.images.moving, &scene.result.warped})
+    std::fill(image->samples.begin(), image->samples.end(), 7.0f);
+  std::fill(scene.result.jacobian.samples.begin(), scene.result.jacobian.samples.end(), 1.0f);
+  scene.result.momenta.clear();
+  scene.result.summary.history.clear();
+  const std::string html = report_html(scene.report);
+  EXPECT_FALSE(std::regex_search(html, std::regex("[^a-z](nan|inf)[^a-z]")));
+}
+
+}  // namespace
+}  // namespace saltus::report

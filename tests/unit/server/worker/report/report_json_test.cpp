@@ -1,0 +1,110 @@
+// Oracle: the scene's numbers, which are chosen.
+#include "core/support/errors.h"
+#include "server/worker/report/report.h"
+#include "tests/unit/server/worker/report/report_scene.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <nlohmann/json.hpp>
+
+#include <limits>
+
+namespace saltus::report {
+namespace {
+
+using nlohmann::json;
+
+TEST(ReportJson, TellsSettingsGridsAndConvergence) {
+  const ReportScene<3> scene(3);
+  const json report = json::parse(report_json(scene.report));
+  EXPECT_EQ(report["dimension"], 3);
+  EXPECT_EQ(report["model"], "sliding");
+  EXPECT_EQ(report["similarity"], "ssd");
+  EXPECT_EQ(report["preset"], "fast");
+  EXPECT_EQ(report["parameters"].size(), list_parameters(scene.options).size());
+  EXPECT_EQ(report["parameters"]["time_steps"], scene.options.flow.time_steps);
+  EXPECT_EQ(report["fixed"]["size"], json({12, 16, 20}));
+  EXPECT_EQ(report["fixed"]["spacing_mm"], json({1.0, 1.0, 2.0}));
+  EXPECT_EQ(report["fixed"]["origin_mm"], json({-5.0, 0.0, 0.0}));
+  ASSERT_EQ(report["levels"].size(), 1u);
+  EXPECT_EQ(report["levels"][0]["evaluations"], 3);
+  EXPECT_EQ(report["levels"][0]["termination"], to_string(Termination::Converged));
+  ASSERT_EQ(report["history"].size(), 2u);
+  EXPECT_EQ(report["history"][1]["energy"], 4.0);
+  EXPECT_EQ(report["similarity_value"], json({{"before", 9.0}, {"after", 2.5}}));
+  EXPECT_EQ(report["seconds"], json({{"wall", 1.25}, {"cpu", 2.5}}));
+  EXPECT_EQ(report["stage_seconds"], json({{"fetching", 0.125}}));
+  EXPECT_EQ(report["peak_memory_bytes"], 1 << 20);
+}
+
+TEST(ReportJson, MeasuresDisplacementJacobianAndMomenta) {
+  const ReportScene<2> scene(3);
+  const json report = json::parse(report_json(scene.report));
+  const double voxels = 12 * 16;
+  EXPECT_NEAR(report["displacement_mm"]["mean"].get<double>(), 3, 1e-6);
+  EXPECT_NEAR(report["displacement_mm"]["max"].get<double>(), 3, 1e-6);
+  EXPECT_EQ(report["jacobian"]["min"], -0.5);
+  EXPECT_EQ(report["jacobian"]["max"], 2.0);
+  EXPECT_NEAR(report["jacobian"]["share_not_positive"].get<double>(), 1 / voxels, 1e-12);
+  // log J is log 2 once and 0 at the other voxels - 2, of voxels - 1 positive ones.
+  const double mean = std::log(2) / (voxels - 1);
+  EXPECT_NEAR(report["jacobian"]["sd_log"].get<double>(), std::sqrt(std::log(2) * mean - mean * mean), 1e-9);
+  ASSERT_EQ(report["momenta"].size(), 2u);
+  EXPECT_EQ(report["momenta"][0]["order"], 0);
+  EXPECT_NEAR(report["momenta"][0]["active_share"].get<double>(), 1 / voxels, 1e-12);
+  EXPECT_EQ(report["momenta"][1]["order"], 1);
+  EXPECT_EQ(report["momenta"][1]["axis"], 0);
+  EXPECT_EQ(report["momenta"][1]["active_share"], 0.0);
+}
+
+TEST(ReportJson, MeasuresLandmarksBeforeAndAfter) {
+  ReportScene<3> scene(3);
+  for (double error : {0.0, 1.0, 2.0, 4.0, 8.0}) scene.add_landmark({2, 5, 7}, error);
+  const json errors = json::parse(report_json(scene.report))["landmark_error_mm"];
+  EXPECT_FALSE(errors.contains("affine_start"));
+  EXPECT_EQ(errors["after"]["count"], 5);
+  EXPECT_NEAR(errors["after"]["mean"].get<double>(), 3, 1e-6);
+  EXPECT_NEAR(errors["after"]["sd"].get<double>(), std::sqrt(10), 1e-6);
+  EXPECT_NEAR(errors["after"]["median"].get<double>(), 2, 1e-6);
+  EXPECT_NEAR(errors["after"]["p90"].get<double>(), 6.4, 1e-6);
+  EXPECT_NEAR(errors["after"]["max"].get<double>(), 8, 1e-6);
+  EXPECT_NEAR(errors["before"]["max"].get<double>(), std::hypot(8, 3), 1e-6);
+}
+
+TEST(ReportJson, TellsWhatTheAffineStartAloneReaches) {
+  ReportScene<2> scene(3);
+  scene.add_landmark({2, 5}, 0);  // its partner is 3 mm further along y
+  scene.images.start.offset = {0, 2};
+  const json errors = json::parse(report_json(scene.report))["landmark_error_mm"];
+  EXPECT_NEAR(errors["before"]["mean"].get<double>(), 3, 1e-6);
+  EXPECT_NEAR(errors["affine_start"]["mean"].get<double>(), 1, 1e-6);
+}
+
+TEST(ReportJson, LeavesOutWhatIsNotKnown) {
+  ReportScene<2> scene(3);
+  scene.report.peak_memory_bytes = 0;
+  scene.result.summary.hamiltonian_drift = -1;
+  const json report = json::parse(report_json(scene.report));
+  for (const char* name : {"peak_memory_bytes", "hamiltonian_drift", "landmark_error_mm"})
+    EXPECT_FALSE(report.contains(name)) << name;
+}
+
+TEST(ReportJson, StaysJsonWithAnyTitleAndAnyNumber) {
+  ReportScene<2> scene(3);
+  scene.report.title = "quote \" and \xff\xfe bytes";
+  scene.result.summary.similarity_after = std::numeric_limits<double>::quiet_NaN();
+  const json report = json::parse(report_json(scene.report));
+  EXPECT_THAT(report["title"].get<std::string>(), testing::StartsWith("quote \" and "));
+  EXPECT_TRUE(report["similarity_value"]["after"].is_null());
+}
+
+TEST(ReportJson, RefusesUnequalNumbersOfLandmarks) {
+  ReportScene<2> scene(3);
+  scene.add_landmark({2, 5}, 0);
+  scene.report.moving_points.clear();
+  EXPECT_THROW(report_json(scene.report), InvalidInput);
+  EXPECT_THROW(report_html(scene.report), InvalidInput);
+}
+
+}  // namespace
+}  // namespace saltus::report
