@@ -8,6 +8,8 @@
 #include "core/support/errors.h"
 #include "core/support/stopwatch.h"
 
+#include <Eigen/LU>
+
 #include <algorithm>
 #include <cmath>
 #include <sstream>
@@ -41,6 +43,21 @@ void check_volume(const char* what, const Volume<Dim>& volume) {
                        std::to_string(bad - volume.samples.begin()) + "; replace NaN and Inf before registering");
 }
 
+/// Largest distance, mm, between the places that two grids of one size give a corner voxel.
+template <int Dim>
+double largest_distance(const ImageGrid<Dim>& a, const ImageGrid<Dim>& b) {
+  double largest = 0;
+  for (int bits = 0; bits < 1 << Dim; ++bits) {
+    Vector<Dim> corner;
+    for (int axis = 0; axis < Dim; ++axis) corner[axis] = bits >> axis & 1 ? a.size[axis] - 1 : 0;
+    largest = std::max(largest, (a.to_world(corner) - b.to_world(corner)).norm());
+  }
+  return largest;
+}
+
+/// Share of a voxel by which headers may differ: some formats keep single precision.
+constexpr double kSamePlace = 0.05;
+
 template <int Dim>
 void check_mask(const char* what, const std::optional<Volume<Dim>>& mask, const Volume<Dim>& image) {
   if (!mask) return;
@@ -48,9 +65,39 @@ void check_mask(const char* what, const std::optional<Volume<Dim>>& mask, const 
   if (mask->grid.size != image.grid.size)
     throw InvalidInput(std::string(what) + " is " + describe<Dim>(mask->grid.size) + "; its image is " +
                        describe<Dim>(image.grid.size) + ", they must be on the same grid");
+  const double apart = largest_distance(mask->grid, image.grid);
+  if (apart > kSamePlace * image.grid.spacing.minCoeff()) {
+    std::ostringstream text;
+    text << what << " lies up to " << apart << " mm from its image; resample it, they must be on the same grid";
+    throw InvalidInput(text.str());
+  }
   if (std::none_of(mask->samples.begin(), mask->samples.end(), [](float v) { return v > 0; }))
     throw InvalidInput(std::string(what) + " is 0 everywhere; it must be positive where the image counts");
 }
+
+template <int Dim>
+void check_start(const AffineMap<Dim>& start) {
+  if (!start.linear.allFinite() || !start.offset.allFinite())
+    throw InvalidInput("the affine start holds a value that is not finite; give finite numbers or leave it out");
+  if (!Eigen::FullPivLU<Matrix<Dim>>(start.linear).isInvertible())
+    throw InvalidInput("the affine start has determinant 0; give a map that can be inverted or leave it out");
+}
+
+#ifdef _OPENMP
+/// Runs with `threads` threads (0: as many as it finds) and leaves the caller's number as it was.
+class ThreadCount {
+ public:
+  explicit ThreadCount(int threads) : before_(omp_get_max_threads()) {
+    if (threads > 0) omp_set_num_threads(threads);
+  }
+  ~ThreadCount() { omp_set_num_threads(before_); }
+  ThreadCount(const ThreadCount&) = delete;
+  ThreadCount& operator=(const ThreadCount&) = delete;
+
+ private:
+  int before_;
+};
+#endif
 
 /// Intensities are scaled so that the fixed image's 1st to 99th percentile is [0,1], both images alike: weights then mean
 /// the same for every scanner. Nothing is clipped.
@@ -177,11 +224,12 @@ RegistrationResult<Dim> register_images(const RegistrationInput<Dim>& input, con
   check_volume("moving", input.moving);
   check_mask("fixed mask", input.fixed_mask, input.fixed);
   check_mask("moving mask", input.moving_mask, input.moving);
+  check_start(input.start);
   const std::vector<std::string> wrong = problems(asked);
   if (!wrong.empty()) throw InvalidInput(wrong.front());
   const RegistrationOptions options = resolved(asked, lattice_of(input.fixed.grid));
 #ifdef _OPENMP
-  if (options.threads > 0) omp_set_num_threads(options.threads);
+  const ThreadCount threads(options.threads);
 #endif
 
   const Stopwatch whole;
