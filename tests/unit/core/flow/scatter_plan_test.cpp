@@ -1,0 +1,106 @@
+#include "core/flow/scatter_plan.h"
+
+#include <gtest/gtest.h>
+#include <omp.h>
+
+#include <cmath>
+
+#include "tests/support/finite_differences.h"
+#include "tests/support/random_fields.h"
+
+namespace saltus {
+namespace {
+
+using testing::dot;
+using testing::random_values;
+
+template <int Dim>
+struct Scene {
+  Lattice<Dim> from, to;
+  std::vector<double> displacement;
+};
+
+template <int Dim>
+Scene<Dim> scene() {
+  Scene<Dim> made;
+  if constexpr (Dim == 2)
+    made.from = {{12, 9}, {1, 1.5}, {0.3, 0}}, made.to = {{8, 11}, {1.7, 1.2}, {-1, 0.4}};
+  else
+    made.from = {{7, 6, 8}, {1, 1.5, 1}, {}}, made.to = {{5, 8, 6}, {1.4, 1.1, 1.3}, {0.2, 0, 0.1}};
+  // Large enough that some points leave the target lattice.
+  made.displacement = random_values(Dim * made.from.sites(), 1, 2.5);
+  return made;
+}
+
+// Oracle: <I f, w> = <f, I^T w> with I the interpolation that LinearCell gives.
+template <int Dim>
+void expect_transpose() {
+  const Scene<Dim> s = scene<Dim>();
+  ScatterPlan<Dim, double> plan;
+  plan.place_sites(s.from, s.displacement.data(), s.to);
+  const std::vector<double> field = random_values(2 * s.to.sites(), 2), weights = random_values(2 * s.from.sites(), 3);
+  double left = 0;
+  for (int slab = 0; slab < s.from.size[Dim - 1]; ++slab)
+    visit_slab<Dim>(s.from, slab, [&](const Index<Dim>& index, std::size_t site) {
+      const LinearCell<Dim, double> cell(
+          s.to, displaced<Dim, double>(s.from, index, s.displacement.data() + Dim * site, s.to));
+      const auto value = cell.template value<2>(field.data());
+      left += value[0] * weights[2 * site] + value[1] * weights[2 * site + 1];
+    });
+  std::vector<double> scattered(field.size(), 0.0);
+  plan.template add<2>(
+      [&](std::size_t site, std::array<double, 2>& out) {
+        out = {weights[2 * site], weights[2 * site + 1]};
+        return true;
+      },
+      scattered.data());
+  EXPECT_NEAR(left, dot(scattered, field), 1e-12 * std::sqrt(dot(field, field) * dot(weights, weights)));
+}
+
+TEST(ScatterPlan, IsTheTransposeOfInterpolation) {
+  expect_transpose<2>();
+  expect_transpose<3>();
+}
+
+template <int Dim>
+std::vector<float> scattered_with(int threads) {
+  omp_set_num_threads(threads);
+  const Scene<Dim> s = scene<Dim>();
+  const std::vector<float> displacement(s.displacement.begin(), s.displacement.end());
+  const auto numbers = random_values(s.from.sites(), 4);
+  ScatterPlan<Dim, float> plan;
+  plan.place_sites(s.from, displacement.data(), s.to);
+  std::vector<float> sum(s.to.sites(), 0.5f);
+  plan.template add<1>(
+      [&](std::size_t site, std::array<float, 1>& out) {
+        out[0] = static_cast<float>(numbers[site]);
+        return site % 7 != 0;
+      },
+      sum.data());
+  return sum;
+}
+
+// Oracle: the same bits, whatever the number of threads (more of them than planes, too).
+TEST(ScatterPlan, DoesNotDependOnTheNumberOfThreads) {
+  const int before = omp_get_max_threads();
+  const std::vector<float> flat = scattered_with<2>(1), deep = scattered_with<3>(1);
+  for (int threads : {2, 3, 5, 16}) {
+    EXPECT_EQ(scattered_with<2>(threads), flat) << threads;
+    EXPECT_EQ(scattered_with<3>(threads), deep) << threads;
+  }
+  omp_set_num_threads(before);
+}
+
+TEST(ScatterPlan, LeavesOutWhatHasNothingToAddAndKeepsTheRest) {
+  const Lattice<2> target{{3, 3}, {1, 1}, {}};
+  ScatterPlan<2, double> plan;
+  plan.resize(3);
+  plan.points() = {{1, 1}, {0.5, 2}, {-4, 9}};
+  plan.sort(target);
+  std::vector<double> sum(9, 0.0);
+  plan.add<1>([](std::size_t point, std::array<double, 1>& out) { return out[0] = 1 + point, point != 0; }, sum.data());
+  EXPECT_EQ(sum, (std::vector<double>{0, 0, 0, 0, 0, 0, 1 + 3, 1, 0}));
+}
+
+}  // namespace
+}  // namespace saltus

@@ -1,0 +1,101 @@
+#include "core/grid/warp.h"
+
+#include <gtest/gtest.h>
+
+#include <Eigen/Geometry>
+#include <cmath>
+
+#include "tests/support/finite_differences.h"
+#include "tests/support/random_fields.h"
+
+namespace saltus {
+namespace {
+
+using testing::dot;
+using testing::random_values;
+
+template <int Dim>
+FramedImage<Dim, double> oblique_image(const std::vector<double>* samples = nullptr) {
+  FramedImage<Dim, double> image;
+  if constexpr (Dim == 2) {
+    image.lattice = {{15, 12}, {1, 1}, {}};
+    image.linear = Vector<2>(0.8, 1.3).asDiagonal() * Eigen::Rotation2Dd(0.5).toRotationMatrix();
+    image.offset = Vector<2>(4.2, 1.1);
+  } else {
+    image.lattice = {{9, 10, 7}, {1, 1, 1}, {}};
+    image.linear =
+        Vector<3>(0.9, 1.2, 0.6).asDiagonal() *
+        (Eigen::AngleAxisd(0.4, Vector<3>::UnitY()) * Eigen::AngleAxisd(0.7, Vector<3>::UnitX())).toRotationMatrix();
+    image.offset = Vector<3>(0.7, 4.1, 1.3);
+  }
+  image.samples = samples ? *samples : random_values(image.lattice.sites(), 1);
+  return image;
+}
+
+template <int Dim>
+Lattice<Dim> points() {
+  if constexpr (Dim == 2)
+    return {{7, 6}, {1.1, 1.6}, {0.5, -0.3}};
+  else
+    return {{5, 4, 6}, {1.1, 1.6, 0.9}, {0.5, -0.3, 1}};
+}
+
+// Oracle: a linear image, whose value at linear * (x + u) + offset is known.
+template <int Dim>
+void expect_value_at_the_mapped_place() {
+  FramedImage<Dim, double> image = oblique_image<Dim>();
+  Vector<Dim> slope;
+  for (int axis = 0; axis < Dim; ++axis) slope[axis] = 0.7 - axis;
+  for (int slab = 0; slab < image.lattice.size[Dim - 1]; ++slab)
+    visit_slab<Dim>(image.lattice, slab, [&](const Index<Dim>& i, std::size_t site) {
+      image.samples[site] = 2;
+      for (int axis = 0; axis < Dim; ++axis) image.samples[site] += slope[axis] * i[axis];
+    });
+  const Lattice<Dim> where = points<Dim>();
+  const std::vector<double> u = random_values(Dim * where.sites(), 2, 0.4);
+  std::vector<double> out(where.sites());
+  warp<Dim, double>(image, where, u.data(), out.data());
+  for (int slab = 0; slab < where.size[Dim - 1]; ++slab)
+    visit_slab<Dim>(where, slab, [&](const Index<Dim>& i, std::size_t site) {
+      Vector<Dim> p;
+      for (int c = 0; c < Dim; ++c) p[c] = i[c] * where.spacing[c] + where.offset[c] + u[Dim * site + c];
+      Vector<Dim> index = image.linear * p + image.offset;
+      for (int c = 0; c < Dim; ++c) index[c] = std::clamp(index[c], 0.0, image.lattice.size[c] - 1.0);
+      ASSERT_NEAR(out[site], 2 + slope.dot(index), 1e-11);
+    });
+}
+
+TEST(Warp, ReadsAnObliqueImageWhereThePointIs) {
+  expect_value_at_the_mapped_place<2>();
+  expect_value_at_the_mapped_place<3>();
+}
+
+// Oracle: <warp'(u) w, dual> = <w, warp_adjoint(dual)>, the left side by central differences.
+template <int Dim>
+void expect_adjoint() {
+  const FramedImage<Dim, double> image = oblique_image<Dim>();
+  const Lattice<Dim> where = points<Dim>();
+  const std::vector<double> u = random_values(Dim * where.sites(), 3, 0.4), w = random_values(u.size(), 4),
+                            dual = random_values(where.sites(), 5);
+  const double slope = testing::slope_along(
+      [&](const std::vector<double>& at) {
+        std::vector<double> out(where.sites());
+        warp<Dim, double>(image, where, at.data(), out.data());
+        return dot(out, dual);
+      },
+      u, w, 1e-7);
+  std::vector<double> u_dual(u.size(), 2.0);
+  warp_adjoint<Dim, double>(image, where, u.data(), dual.data(), u_dual.data());
+  double added = dot(u_dual, w);
+  for (double value : w) added -= 2 * value;  // it adds to what was there
+  EXPECT_GT(std::abs(slope), 0.1);
+  EXPECT_NEAR(added, slope, 1e-6 * std::sqrt(dot(dual, dual)));
+}
+
+TEST(Warp, HasAnAdjoint) {
+  expect_adjoint<2>();
+  expect_adjoint<3>();
+}
+
+}  // namespace
+}  // namespace saltus

@@ -1,0 +1,75 @@
+// Oracle: the definition, summed directly in double.
+#include "core/kernels/separable_convolution.h"
+
+#include <gtest/gtest.h>
+
+#include <limits>
+
+#include "tests/support/random_fields.h"
+
+namespace saltus {
+namespace {
+
+template <class T>
+class SeparableConvolution : public ::testing::Test {};
+using Scalars = ::testing::Types<float, double>;
+TYPED_TEST_SUITE(SeparableConvolution, Scalars);
+
+template <int Dim, class T>
+void expect_equal_to_brute_force(const Index<Dim>& size, int channels, int axis, int radius, Combine combine) {
+  Lattice<Dim> lattice;
+  lattice.size = size;
+  const std::size_t count = lattice.sites() * static_cast<std::size_t>(channels);
+  const auto cast = [](const std::vector<double>& from) { return std::vector<T>(from.begin(), from.end()); };
+  const std::vector<T> in = cast(testing::random_values(count, 1)), before = cast(testing::random_values(count, 2)),
+                       taps = cast(testing::random_values(2 * static_cast<std::size_t>(radius) + 1, 3));
+  std::vector<T> out = before;
+  convolve_axis<Dim, T>(lattice, channels, axis, taps, combine, in.data(), out.data());
+
+  std::size_t stride = static_cast<std::size_t>(channels);
+  for (int a = 0; a < axis; ++a) stride *= static_cast<std::size_t>(size[a]);
+  const double tolerance = 8 * std::numeric_limits<T>::epsilon() * (2 * radius + 2);
+  for (std::size_t k = 0; k < count; ++k) {
+    const int i = static_cast<int>(k / stride % static_cast<std::size_t>(size[axis]));
+    double expected = combine == Combine::Add ? double(before[k]) : 0.0;
+    for (int j = -radius; j <= radius; ++j)
+      if (i - j >= 0 && i - j < size[axis])
+        expected += double(taps[static_cast<std::size_t>(j + radius)]) *
+                    double(in[k - static_cast<std::size_t>(i) * stride + static_cast<std::size_t>(i - j) * stride]);
+    ASSERT_NEAR(out[k], expected, tolerance)
+        << "axis " << axis << " radius " << radius << " channels " << channels << " at " << k;
+  }
+}
+
+TYPED_TEST(SeparableConvolution, EqualsTheSumForAllAxesAndRadii) {
+  for (Combine combine : {Combine::Replace, Combine::Add})
+    for (int radius : {0, 1, 3, 8, 40})
+      for (int channels : {1, 2, 3}) {
+        // The long line has blocks of 64 values with all taps inside; the short ones have none.
+        for (int axis = 0; axis < 2; ++axis) {
+          expect_equal_to_brute_force<2, TypeParam>({7, 5}, channels, axis, radius, combine);
+          expect_equal_to_brute_force<2, TypeParam>({151, 6}, channels, axis, radius, combine);
+          expect_equal_to_brute_force<2, TypeParam>({1, 9}, channels, axis, radius, combine);
+        }
+        for (int axis = 0; axis < 3; ++axis) {
+          expect_equal_to_brute_force<3, TypeParam>({6, 5, 4}, channels, axis, radius, combine);
+          expect_equal_to_brute_force<3, TypeParam>({23, 4, 11}, channels, axis, radius, combine);
+        }
+      }
+}
+
+// What was in `out` must not matter, not even a NaN.
+TYPED_TEST(SeparableConvolution, ReplacesWhateverWasThere) {
+  const Lattice<2> lattice{{70, 3}, {1, 1}, {}};
+  const std::vector<TypeParam> in(lattice.sites(), TypeParam(1)), taps = {1, 2, 4};
+  for (int axis : {0, 1}) {
+    std::vector<TypeParam> out(lattice.sites(), std::numeric_limits<TypeParam>::quiet_NaN());
+    convolve_axis<2, TypeParam>(lattice, 1, axis, taps, Combine::Replace, in.data(), out.data());
+    EXPECT_EQ(out[70 + 35], TypeParam(7));
+    EXPECT_EQ(out.front(), TypeParam(3));  // taps for j = -1 and 0: the source right of the first sample, and itself
+    EXPECT_EQ(out.back(), TypeParam(6));
+  }
+}
+
+}  // namespace
+}  // namespace saltus

@@ -1,0 +1,256 @@
+// Oracle: problems whose solution is known in closed form.
+#include "core/optimisation/lbfgs.h"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <limits>
+
+#include "core/support/errors.h"
+
+namespace saltus {
+namespace {
+
+/// A smooth function and its gradient, with a diagonal preconditioner and a first step of the caller's choice.
+template <class T>
+class Function final : public Objective<T> {
+ public:
+  using Evaluate = std::function<double(const std::vector<T>& x, std::vector<T>& gradient)>;
+  Function(std::size_t size, Evaluate evaluate) : preconditioner(size, T(1)), evaluate_(std::move(evaluate)) {}
+
+  std::size_t size() const override { return preconditioner.size(); }
+  Evaluation evaluate(const std::vector<T>& x, std::vector<T>& gradient, std::vector<T>& preconditioned) override {
+    const double value = evaluate_(x, gradient);
+    for (std::size_t i = 0; i < x.size(); ++i) preconditioned[i] = preconditioner[i] * gradient[i];
+    return {value, std::isfinite(value)};
+  }
+  double first_step(const std::vector<T>&) override { return step; }
+  std::vector<GroupSparsity> sparsity() const override { return groups; }
+
+  std::vector<T> preconditioner;
+  std::vector<GroupSparsity> groups;
+  double step = 1;
+
+ private:
+  Evaluate evaluate_;
+};
+
+/// 1/2 sum_i h_i (x_i - c_i)^2.
+template <class T>
+Function<T> separable(const std::vector<double>& stiffness, const std::vector<double>& centre) {
+  return Function<T>(centre.size(), [=](const std::vector<T>& x, std::vector<T>& gradient) {
+    double value = 0;
+    for (std::size_t i = 0; i < x.size(); ++i) {
+      gradient[i] = static_cast<T>(stiffness[i] * (x[i] - centre[i]));
+      value += 0.5 * stiffness[i] * (x[i] - centre[i]) * (x[i] - centre[i]);
+    }
+    return value;
+  });
+}
+
+MinimiseOptions to_the_end(int iterations = 500) {
+  MinimiseOptions options;
+  options.max_iterations = iterations;
+  options.tolerance = 0;
+  return options;
+}
+
+const auto go_on = [](const MinimiseStep&) { return true; };
+
+/// Collects what is accepted and checks that the energy never rises.
+struct Witness {
+  std::vector<MinimiseStep> steps;
+  bool operator()(const MinimiseStep& step) {
+    if (!steps.empty()) {
+      EXPECT_LE(step.energy, steps.back().energy);
+    }
+    EXPECT_EQ(step.iteration, static_cast<int>(steps.size()) + 1);
+    steps.push_back(step);
+    return true;
+  }
+};
+
+TEST(Minimise, SolvesACoupledQuadratic) {
+  // 1/2 x.Ax - b.x, A tridiagonal (2, -1) plus 0.01: b is made from the wanted solution.
+  constexpr std::size_t n = 40;
+  std::vector<double> wanted(n), b(n);
+  for (std::size_t i = 0; i < n; ++i) wanted[i] = std::sin(0.4 * i) + 0.1 * i;
+  const auto apply = [](const std::vector<double>& x, std::size_t i) {
+    return 2.01 * x[i] - (i > 0 ? x[i - 1] : 0) - (i + 1 < n ? x[i + 1] : 0);
+  };
+  for (std::size_t i = 0; i < n; ++i) b[i] = apply(wanted, i);
+  Function<double> objective(n, [&](const std::vector<double>& x, std::vector<double>& gradient) {
+    double value = 0;
+    for (std::size_t i = 0; i < n; ++i) {
+      const double ax = apply(x, i);
+      gradient[i] = ax - b[i];
+      value += 0.5 * x[i] * ax - b[i] * x[i];
+    }
+    return value;
+  });
+  std::vector<double> x(n, 0.0);
+  Witness witness;
+  const MinimiseSummary summary = minimise<double>(objective, to_the_end(), x, std::ref(witness));
+  for (std::size_t i = 0; i < n; ++i) EXPECT_NEAR(x[i], wanted[i], 1e-5);
+  ASSERT_FALSE(witness.steps.empty());
+  EXPECT_EQ(summary.iterations, witness.steps.back().iteration);
+  EXPECT_EQ(summary.energy_after, witness.steps.back().energy);
+  EXPECT_EQ(summary.energy_before, 0);
+  EXPECT_GT(summary.evaluations, summary.iterations);
+}
+
+TEST(Minimise, FollowsTheValleyOfRosenbrock) {
+  Function<double> objective(2, [](const std::vector<double>& x, std::vector<double>& gradient) {
+    const double a = 1 - x[0], b = x[1] - x[0] * x[0];
+    gradient = {-2 * a - 400 * x[0] * b, 200 * b};
+    return a * a + 100 * b * b;
+  });
+  objective.step = 1e-3;
+  std::vector<double> x = {-1.2, 1.0};
+  Witness witness;
+  minimise<double>(objective, to_the_end(), x, std::ref(witness));
+  EXPECT_NEAR(x[0], 1, 1e-5);
+  EXPECT_NEAR(x[1], 1, 1e-5);
+  EXPECT_LT(witness.steps.size(), 100u);
+}
+
+// -x - 0.1 log(1 - x) ends at x = 0.9; from 1 on it is not a number, and the first step lands far beyond.
+TEST(Minimise, ShortensStepsThatLeaveWhereTheEnergyExists) {
+  for (double nothing :
+       {std::nan(""), std::numeric_limits<double>::infinity(), -std::numeric_limits<double>::infinity()}) {
+    Function<double> objective(1, [&](const std::vector<double>& x, std::vector<double>& gradient) {
+      if (x[0] >= 1) {
+        gradient[0] = std::nan("");
+        return nothing;
+      }
+      gradient[0] = -1 + 0.1 / (1 - x[0]);
+      return -x[0] - 0.1 * std::log(1 - x[0]);
+    });
+    objective.step = 1000;
+    std::vector<double> x = {0.0};
+    Witness witness;
+    minimise<double>(objective, to_the_end(), x, std::ref(witness));
+    EXPECT_NEAR(x[0], 0.9, 1e-5);
+  }
+}
+
+// Closed form: x_g = c_g max(0, 1 - lambda / (h |c_g|)).
+template <class T>
+void expect_soft_thresholds(double tolerance) {
+  const std::size_t groups = 30, group = 3, smooth = 4, n = smooth + groups * group;
+  const double lambda = 1.5, h = 2;
+  std::vector<double> stiffness(n, h), centre(n);
+  for (std::size_t i = 0; i < n; ++i) centre[i] = std::sin(1.7 * i) * 0.08 * (i % 17);
+  auto objective = separable<T>(stiffness, centre);
+  objective.groups = {{smooth, n, static_cast<int>(group), lambda, 1 / h}};
+  for (std::size_t i = smooth; i < n; ++i) objective.preconditioner[i] = static_cast<T>(1 / h);
+  for (bool from_zero : {true, false}) {
+    std::vector<T> x(n, T(0));
+    if (!from_zero)
+      for (std::size_t i = 0; i < n; ++i) x[i] = static_cast<T>(0.3 + 0.1 * (i % 5));
+    Witness witness;
+    minimise<T>(objective, to_the_end(), x, std::ref(witness));
+    int zeros = 0;
+    for (std::size_t i = 0; i < smooth; ++i) EXPECT_NEAR(x[i], centre[i], tolerance);
+    for (std::size_t at = smooth; at < n; at += group) {
+      const double size = std::hypot(centre[at], centre[at + 1], centre[at + 2]);
+      const double keep = std::max(0.0, 1 - lambda / (h * size));
+      zeros += keep == 0;
+      for (std::size_t k = at; k < at + group; ++k)
+        if (keep == 0) {
+          EXPECT_EQ(x[k], T(0)) << "group at " << at << (from_zero ? " from zero" : " from elsewhere");
+        } else
+          EXPECT_NEAR(x[k], keep * centre[k], tolerance);
+    }
+    EXPECT_GT(zeros, 5);
+    EXPECT_LT(zeros, 25);
+    double norms = 0;
+    for (std::size_t at = smooth; at < n; at += group) norms += std::hypot(x[at], x[at + 1], x[at + 2]);
+    EXPECT_NEAR(witness.steps.back().sparsity, lambda * norms, 1e-5);
+  }
+}
+
+TEST(Minimise, FindsSoftThresholdsWithExactZerosInDouble) { expect_soft_thresholds<double>(1e-6); }
+TEST(Minimise, FindsSoftThresholdsWithExactZerosInFloat) { expect_soft_thresholds<float>(1e-3); }
+
+TEST(Minimise, LeavesZeroAloneWhenTheWeightHoldsEveryGroup) {
+  auto objective = separable<double>({1, 1, 1, 1}, {0.3, -0.4, 0.1, 0.2});
+  objective.groups = {{0, 4, 2, 0.51, 1}};  // the longest gradient is 0.5
+  std::vector<double> x(4, 0.0);
+  const MinimiseSummary summary = minimise<double>(objective, to_the_end(), x, go_on);
+  EXPECT_EQ(x, std::vector<double>(4, 0.0));
+  EXPECT_EQ(summary.termination, MinimiseTermination::Converged);
+  EXPECT_EQ(summary.iterations, 0);
+  EXPECT_EQ(summary.evaluations, 1);
+}
+
+TEST(Minimise, StopsWhenTheCallerSaysSoAndKeepsTheLastAcceptedPoint) {
+  auto objective = separable<double>({1, 10, 100, 1000}, {1, 2, 3, 4});
+  objective.step = 1e-3;
+  std::vector<double> x(4, 0.0);
+  double last = 0;
+  const MinimiseSummary summary = minimise<double>(objective, to_the_end(), x, [&](const MinimiseStep& step) {
+    last = step.energy;
+    return step.iteration < 3;
+  });
+  EXPECT_EQ(summary.termination, MinimiseTermination::Stopped);
+  EXPECT_EQ(summary.iterations, 3);
+  std::vector<double> gradient(4), preconditioned(4);
+  EXPECT_DOUBLE_EQ(objective.evaluate(x, gradient, preconditioned).value, last);
+}
+
+TEST(Minimise, SaysHowItEnded) {
+  auto objective = separable<double>({1, 10, 100, 1000}, {1, 2, 3, 4});
+  objective.step = 1e-4;
+  std::vector<double> x(4, 0.0);
+  EXPECT_EQ(minimise<double>(objective, to_the_end(2), x, go_on).termination, MinimiseTermination::IterationLimit);
+  MinimiseOptions loose;
+  loose.max_iterations = 500;
+  loose.tolerance = 0.5;
+  x.assign(4, 0.0);
+  const MinimiseSummary early = minimise<double>(objective, loose, x, go_on);
+  EXPECT_EQ(early.termination, MinimiseTermination::Converged);
+  EXPECT_LT(early.iterations, 20);
+  // A gradient that points the wrong way: nothing along it decreases, so the point stays.
+  Function<double> uphill(1, [](const std::vector<double>& x, std::vector<double>& gradient) {
+    gradient[0] = -1;
+    return x[0];
+  });
+  std::vector<double> start = {2.0};
+  EXPECT_EQ(minimise<double>(uphill, to_the_end(), start, go_on).termination, MinimiseTermination::LineSearchFailed);
+  EXPECT_EQ(start[0], 2.0);
+  x.assign(4, 0.0);
+  const MinimiseSummary none = minimise<double>(objective, to_the_end(0), x, go_on);
+  EXPECT_EQ(none.termination, MinimiseTermination::IterationLimit);
+  EXPECT_EQ(none.energy_after, none.energy_before);
+}
+
+TEST(Minimise, RefusesAStartWithoutAFiniteEnergy) {
+  for (double start : {std::nan(""), std::numeric_limits<double>::infinity()}) {
+    Function<double> objective(1, [start](const std::vector<double>&, std::vector<double>& gradient) {
+      gradient[0] = 0;
+      return start;
+    });
+    std::vector<double> x = {0.0};
+    EXPECT_THROW(minimise<double>(objective, {}, x, go_on), NumericalFailure);
+  }
+}
+
+// With the exact inverse Hessian as preconditioner the first direction is Newton's.
+TEST(Minimise, WalksInTheMetricOfThePreconditioner) {
+  std::vector<double> stiffness, centre;
+  for (int i = 0; i < 30; ++i) {
+    stiffness.push_back(std::pow(10.0, i / 5.0));
+    centre.push_back(1 + 0.1 * i);
+  }
+  auto raw = separable<double>(stiffness, centre), preconditioned = separable<double>(stiffness, centre);
+  for (std::size_t i = 0; i < stiffness.size(); ++i) preconditioned.preconditioner[i] = 1 / stiffness[i];
+  raw.step = 1e-6;
+  std::vector<double> x(30, 0.0), y(30, 0.0);
+  EXPECT_LE(minimise<double>(preconditioned, to_the_end(), x, go_on).iterations, 2);
+  for (std::size_t i = 0; i < 30; ++i) EXPECT_NEAR(x[i], centre[i], 1e-9);
+  EXPECT_GT(minimise<double>(raw, to_the_end(), y, go_on).iterations, 10);
+}
+
+}  // namespace
+}  // namespace saltus

@@ -1,0 +1,53 @@
+#include "core/similarity/box_sum.h"
+
+#include <gtest/gtest.h>
+
+#include "tests/support/random_fields.h"
+
+namespace saltus {
+namespace {
+
+// Oracle: the sum over the box, term by term.
+template <class T>
+void expect_brute_force(const Index<3>& size, const Index<3>& radius, int channels, double tolerance) {
+  const Lattice<3> lattice{size, {1, 1, 1}, {}};
+  const auto values = testing::random_values(lattice.sites() * static_cast<std::size_t>(channels), 1);
+  std::vector<T> field(values.begin(), values.end());
+  const std::vector<T> before = field;
+  BoxSum<3, T>(lattice, radius).apply(channels, field.data());
+  const auto site_of = [&](int x, int y, int z) { return static_cast<std::size_t>(x + size[0] * (y + size[1] * z)); };
+  for (int z = 0; z < size[2]; ++z)
+    for (int y = 0; y < size[1]; ++y)
+      for (int x = 0; x < size[0]; ++x)
+        for (int c = 0; c < channels; ++c) {
+          double expected = 0;
+          for (int k = std::max(0, z - radius[2]); k <= std::min(size[2] - 1, z + radius[2]); ++k)
+            for (int j = std::max(0, y - radius[1]); j <= std::min(size[1] - 1, y + radius[1]); ++j)
+              for (int i = std::max(0, x - radius[0]); i <= std::min(size[0] - 1, x + radius[0]); ++i)
+                expected += before[site_of(i, j, k) * channels + c];
+          ASSERT_NEAR(field[site_of(x, y, z) * channels + c], expected, tolerance) << x << " " << y << " " << z;
+        }
+}
+
+TEST(BoxSum, EqualsTheSumOverTheBox) {
+  for (const Index<3>& radius : {Index<3>{0, 0, 0}, {1, 1, 1}, {3, 0, 2}, {2, 9, 40}}) {
+    expect_brute_force<double>({7, 5, 6}, radius, 1, 1e-12);
+    expect_brute_force<double>({130, 3, 4}, radius, 3, 1e-12);  // rows of more than one strip
+    expect_brute_force<double>({5, 1, 4}, radius, 2, 1e-12);
+    expect_brute_force<float>({7, 5, 6}, radius, 6, 3e-5);
+  }
+}
+
+// Running sums must not drift: all full boxes of a flat field hold exactly the same.
+TEST(BoxSum, KeepsFlatFieldsFlat) {
+  const Lattice<2> lattice{{500, 60}, {1, 1}, {}};
+  std::vector<float> field(lattice.sites(), 0.1f);
+  BoxSum<2, float>(lattice, {3, 2}).apply(1, field.data());
+  for (int y = 2; y < 58; ++y)
+    for (int x = 3; x < 497; ++x)
+      ASSERT_EQ(field[static_cast<std::size_t>(500 * y + x)], field[500 * 30 + 250]) << x << " " << y;
+  EXPECT_NEAR(field[500 * 30 + 250], 3.5f, 1e-6f);
+}
+
+}  // namespace
+}  // namespace saltus
