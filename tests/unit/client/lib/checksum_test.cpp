@@ -1,10 +1,9 @@
 #include "client/lib/checksum.h"
 
 #include "client/lib/client_error.h"
+#include "tests/support/temporary_folder.h"
 
 #include <gtest/gtest.h>
-
-#include <fstream>
 
 namespace saltus::client {
 namespace {
@@ -43,9 +42,8 @@ TEST(Sha256, NamesBytesByTheirDigest) {
 }
 
 TEST(DigestOfFile, CountsAndHashesTheWholeFile) {
-  const std::string file = testing::TempDir() + "/saltus_checksum_test";
-  std::ofstream(file) << "abc";
-  const FileDigest found = digest_of_file(file);
+  testing_support::TemporaryFolder folder;
+  const FileDigest found = digest_of_file(folder.write("file", "abc"));
   EXPECT_EQ(found.size, 3);
   EXPECT_EQ(found.digest, "sha256:ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad");
 }
