@@ -45,7 +45,8 @@ std::string cards(const ReportInput<Dim>& input, const std::optional<LandmarkMea
   html += card("Folded voxels (J \u2264 0)", percentage(jacobian.share_not_positive),
                "J from " + number(jacobian.min) + " to " + number(jacobian.max) + ", sd log J " + number(jacobian.sd_log));
   html += card("Inverse consistency", number(summary.inverse_consistency_mm) + " mm",
-               "median; drift of the Hamiltonian " + percentage(summary.hamiltonian_drift));
+               summary.hamiltonian_drift >= 0 ? "median; drift of the Hamiltonian " + percentage(summary.hamiltonian_drift)
+                                              : "median over the moving image");
   const bool has_first_order = std::any_of(input.result->momenta.begin(), input.result->momenta.end(),
                                            [](const MomentumField<Dim>& field) { return field.axis >= 0; });
   if (has_first_order)
