@@ -3,11 +3,15 @@
 #include "client/cli/cancel_command.h"
 #include "client/cli/command.h"
 #include "client/cli/delete_command.h"
+#include "client/cli/evaluate_command.h"
 #include "client/cli/fetch_command.h"
 #include "client/cli/get_command.h"
 #include "client/cli/list_command.h"
+#include "client/cli/phantom_command.h"
+#include "client/cli/points_command.h"
 #include "client/cli/register_command.h"
 #include "client/cli/submit_command.h"
+#include "client/cli/warp_command.h"
 #include "client/cli/watch_command.h"
 #include "client/lib/client_error.h"
 #include "core/support/errors.h"
@@ -53,6 +57,10 @@ int run_command_line(int argument_count, const char* const* arguments) {
   add_fetch_command(app, exit_code);
   add_cancel_command(app, exit_code);
   add_delete_command(app, exit_code);
+  add_points_command(app, exit_code);
+  add_warp_command(app, exit_code);
+  add_evaluate_command(app, exit_code);
+  add_phantom_command(app, exit_code);
   app.footer("Exit codes: 0 done, 1 failed, 2 usage, 3 server not reachable, 4 cancelled.");
   try {
     app.parse(argument_count, arguments);
