@@ -30,7 +30,7 @@ struct MomentumScaleOptions {
 /// A field of order 0 is interleaved (Dim values a site); order 1 is Dim such fields, one for each derivative axis. The
 /// field m_i is staggered: its value at a site belongs to the face half a sample up axis i, where it makes a jump.
 /// With unit-mass kernels all momenta are comparable to velocities (mm): v is about a_0 m_0 where m_0 is smooth, and a
-/// sheet of m_i one face thick makes a jump of 4 a_1 h / mass times it, with no sample inside.
+/// sheet of m_i one face thick makes a jump of -4 a_1 h / mass times it, with no sample inside.
 /// Not for concurrent use: holds scratch memory. Threads inside (OpenMP).
 template <int Dim, class T>
 class MomentumScale {

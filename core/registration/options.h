@@ -1,6 +1,7 @@
 #pragma once
 
 #include "core/flow/evolution.h"
+#include "core/similarity/similarity_options.h"
 
 #include <string>
 #include <string_view>
@@ -10,7 +11,6 @@ namespace saltus {
 
 /// See the table in core/README.md for what each model is made of.
 enum class Model { Gaussian, Wendland, Wendland1, Sliding };
-enum class SimilarityType { Ssd, Lncc };
 /// How much work is spent: `Fast` < `Balanced` < `Accurate`.
 enum class Preset { Fast, Balanced, Accurate };
 
@@ -46,11 +46,7 @@ struct RegistrationOptions {
     double divergence_weight = 0;  ///< of 1/2 integral |div v|^2 over space and time: holds back opening and overlap
   } flow;
 
-  struct SimilarityParameters {
-    double weight = 1;       ///< multiplies the similarity
-    double lncc_radius_voxels = 2;  ///< half width of the box window, in voxels of the level
-    double lncc_floor = 0.01;       ///< standard deviation, in units of the intensity range, below which a window is flat
-  } similarity_parameters;
+  SimilarityOptions similarity_parameters;
 
   struct Optimisation {
     int max_iterations = 60;   ///< per level

@@ -99,8 +99,8 @@ class ThreadCount {
 };
 #endif
 
-/// Intensities are scaled so that the fixed image's 1st to 99th percentile is [0,1], both images alike: weights then mean
-/// the same for every scanner. Nothing is clipped.
+/// Intensities are scaled so that the fixed image's 1st to 99th percentile (of what its mask shows) is [0,1], both images
+/// alike: weights then mean the same for every scanner. Nothing is clipped.
 struct IntensityScale {
   double low = 0, factor = 1;
 
@@ -141,9 +141,11 @@ class Pyramid {
   Pyramid(const RegistrationInput<Dim>& input, const RegistrationOptions& options)
       : input_(input), options_(options), fixed_lattice_(lattice_of(input.fixed.grid)),
         moving_lattice_(lattice_of(input.moving.grid)), to_moving_(frame_to_index(input)) {
-    const IntensityScale scale(input.fixed.samples);
+    const IntensityScale scale(visible(input.fixed.samples, input.fixed_mask));
     fixed_ = scale(input.fixed.samples);
     moving_ = scale(input.moving.samples);
+    if (input.fixed_mask) hide(binary(input.fixed_mask->samples), fixed_);
+    if (input.moving_mask) hide(binary(input.moving_mask->samples), moving_);
   }
 
   const Lattice<Dim>& fixed_lattice() const { return fixed_lattice_; }
@@ -151,12 +153,15 @@ class Pyramid {
   MatchingLevel<Dim, Scalar> level(int level) const {
     MatchingLevel<Dim, Scalar> made;
     made.lattice = level_lattice(fixed_lattice_, level);
-    made.fixed = downsampled(fixed_lattice_, fixed_, made.lattice);
+    const std::vector<Scalar> fixed_weights = input_.fixed_mask ? binary(input_.fixed_mask->samples) : std::vector<Scalar>{};
+    made.fixed = reduced(fixed_lattice_, fixed_, fixed_weights, made.lattice);
     const double reference = *std::min_element(fixed_lattice_.spacing.begin(), fixed_lattice_.spacing.end());
     const Lattice<Dim> moving = level == 0 ? moving_lattice_ : coarsened(moving_lattice_, std::ldexp(reference, level));
-    made.moving = framed(moving_, moving);
-    if (input_.fixed_mask) made.fixed_weights = downsampled(fixed_lattice_, binary(input_.fixed_mask->samples), made.lattice);
-    if (input_.moving_mask) made.moving_weights = framed(binary(input_.moving_mask->samples), moving);
+    const std::vector<Scalar> moving_weights =
+        input_.moving_mask ? binary(input_.moving_mask->samples) : std::vector<Scalar>{};
+    made.moving = framed(moving_, moving_weights, moving);
+    if (input_.fixed_mask) made.fixed_weights = downsampled(fixed_lattice_, fixed_weights, made.lattice);
+    if (input_.moving_mask) made.moving_weights = framed(moving_weights, {}, moving);
     made.similarity_weight = options_.similarity_parameters.weight;
     made.divergence_weight = options_.flow.divergence_weight;
     made.time_steps = options_.flow.time_steps;
@@ -165,10 +170,43 @@ class Pyramid {
   }
 
  private:
-  FramedImage<Dim, Scalar> framed(const std::vector<Scalar>& samples, const Lattice<Dim>& lattice) const {
+  static std::vector<float> visible(const std::vector<float>& samples, const std::optional<Volume<Dim>>& mask) {
+    if (!mask) return samples;
+    std::vector<float> shown;
+    for (std::size_t i = 0; i < samples.size(); ++i)
+      if (mask->samples[i] > 0) shown.push_back(samples[i]);
+    return shown;
+  }
+
+  /// What a mask hides takes the mean of what it shows, so that no hidden value reaches an interpolation or a window.
+  static void hide(const std::vector<Scalar>& weights, std::vector<Scalar>& samples) {
+    double sum = 0, count = 0;
+    for (std::size_t i = 0; i < samples.size(); ++i) {
+      sum += double(weights[i]) * samples[i];
+      count += weights[i];
+    }
+    for (std::size_t i = 0; i < samples.size(); ++i)
+      if (weights[i] == 0) samples[i] = static_cast<Scalar>(sum / count);
+  }
+
+  /// Downsampled; near a mask's border the mean of what it shows, not a mixture with what it hides.
+  static std::vector<Scalar> reduced(const Lattice<Dim>& from, const std::vector<Scalar>& samples,
+                                     const std::vector<Scalar>& weights, const Lattice<Dim>& to) {
+    if (weights.empty() || from == to) return downsampled(from, samples, to);
+    std::vector<Scalar> weighted(samples.size());
+    for (std::size_t i = 0; i < samples.size(); ++i) weighted[i] = weights[i] * samples[i];
+    std::vector<Scalar> plain = downsampled(from, samples, to);
+    const std::vector<Scalar> sum = downsampled(from, weighted, to), share = downsampled(from, weights, to);
+    for (std::size_t i = 0; i < plain.size(); ++i)
+      if (share[i] > Scalar(1e-3)) plain[i] = sum[i] / share[i];
+    return plain;
+  }
+
+  FramedImage<Dim, Scalar> framed(const std::vector<Scalar>& samples, const std::vector<Scalar>& weights,
+                                  const Lattice<Dim>& lattice) const {
     FramedImage<Dim, Scalar> image;
     image.lattice = lattice;
-    image.samples = downsampled(moving_lattice_, samples, lattice);
+    image.samples = reduced(moving_lattice_, samples, weights, lattice);
     // Index of the full image -> index of the level's image.
     for (int axis = 0; axis < Dim; ++axis) {
       const double ratio = moving_lattice_.spacing[axis] / lattice.spacing[axis];

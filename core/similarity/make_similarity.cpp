@@ -5,7 +5,7 @@ namespace saltus {
 
 template <int Dim, class T>
 std::unique_ptr<Similarity<Dim, T>> make_similarity(SimilarityType type, const Lattice<Dim>& lattice,
-                                                    const RegistrationOptions::SimilarityParameters& parameters,
+                                                    const SimilarityOptions& parameters,
                                                     double level_spacing_mm) {
   switch (type) {
     case SimilarityType::Ssd:
@@ -18,12 +18,12 @@ std::unique_ptr<Similarity<Dim, T>> make_similarity(SimilarityType type, const L
 }
 
 template std::unique_ptr<Similarity<2, float>> make_similarity(SimilarityType, const Lattice<2>&,
-                                                               const RegistrationOptions::SimilarityParameters&, double);
+                                                               const SimilarityOptions&, double);
 template std::unique_ptr<Similarity<3, float>> make_similarity(SimilarityType, const Lattice<3>&,
-                                                               const RegistrationOptions::SimilarityParameters&, double);
+                                                               const SimilarityOptions&, double);
 template std::unique_ptr<Similarity<2, double>> make_similarity(SimilarityType, const Lattice<2>&,
-                                                                const RegistrationOptions::SimilarityParameters&, double);
+                                                                const SimilarityOptions&, double);
 template std::unique_ptr<Similarity<3, double>> make_similarity(SimilarityType, const Lattice<3>&,
-                                                                const RegistrationOptions::SimilarityParameters&, double);
+                                                                const SimilarityOptions&, double);
 
 }  // namespace saltus

@@ -1,7 +1,7 @@
 #pragma once
 
 #include "core/grid/lattice.h"
-#include "core/registration/options.h"
+#include "core/similarity/similarity_options.h"
 
 #include <memory>
 
@@ -32,7 +32,7 @@ std::unique_ptr<Similarity<Dim, T>> make_local_correlation(const Lattice<Dim>& l
 /// What the options ask for at a level whose voxels are `level_spacing_mm` wide. Images must be scaled to unit range.
 template <int Dim, class T>
 std::unique_ptr<Similarity<Dim, T>> make_similarity(SimilarityType type, const Lattice<Dim>& lattice,
-                                                    const RegistrationOptions::SimilarityParameters& parameters,
+                                                    const SimilarityOptions& parameters,
                                                     double level_spacing_mm);
 
 }  // namespace saltus

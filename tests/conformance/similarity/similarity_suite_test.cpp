@@ -5,6 +5,7 @@
 #include <limits>
 #include <ostream>
 
+#include "core/registration/options.h"
 #include "core/similarity/similarity.h"
 #include "tests/support/finite_differences.h"
 #include "tests/support/random_fields.h"
@@ -194,7 +195,7 @@ TEST_P(SimilaritySuite, CarriesTheCellVolume) {
   for (int k : {0, 1}) {
     const Lattice<2>& where = k ? fine : coarse;
     std::vector<double> gradient(where.sites());
-    RegistrationOptions::SimilarityParameters parameters;
+    SimilarityOptions parameters;
     parameters.lncc_radius_voxels = 6;
     energies[k] = make_similarity<2, double>(GetParam().type, where, parameters, 1.0)
                       ->evaluate(sample(where, 0).data(), sample(where, 0.5).data(), nullptr, gradient.data(), nullptr);
