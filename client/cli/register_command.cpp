@@ -14,6 +14,8 @@
 #include <CLI/CLI.hpp>
 #include <nlohmann/json.hpp>
 
+#include <unistd.h>
+
 #include <iostream>
 #include <memory>
 #include <mutex>
@@ -96,6 +98,15 @@ int register_on(const std::string& address, const RegisterOptions& options, v1::
   return Done;
 }
 
+/// Before the work, not after it: an hour's result must have somewhere to go.
+void require_writable(const std::string& folder) {
+  std::error_code error;
+  std::filesystem::create_directories(folder, error);
+  if (error || !std::filesystem::is_directory(folder) || ::access(folder.c_str(), W_OK) != 0)
+    throw InvalidInput("--out is '" + folder + "', where no folder can be made or written (" +
+                       (error ? error.message() : std::string("not a writable folder")) + "); name another one");
+}
+
 int register_images(const RegisterOptions& options) {
   if (wants_parameter_help(options.job)) {
     std::cout << parameter_table(options.job);
@@ -103,6 +114,7 @@ int register_images(const RegisterOptions& options) {
   }
   const v1::RegistrationSpec spec = make_spec(options.job);
   if (options.out.empty()) throw InvalidInput("--out is missing; name a folder for the result");
+  require_writable(options.out);
   // Made before the daemon and ended after it, so that no interrupt leaves its folder behind.
   InterruptibleJob interruptible;
   try {

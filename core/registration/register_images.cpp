@@ -11,6 +11,7 @@
 #include <Eigen/LU>
 
 #include <algorithm>
+#include <atomic>
 #include <cmath>
 #include <sstream>
 
@@ -34,6 +35,8 @@ template <int Dim>
 void check_volume(const char* what, const Volume<Dim>& volume) {
   const std::vector<std::string> found = problems(volume.grid);
   if (!found.empty()) throw InvalidInput(std::string(what) + " image: " + found.front());
+  if (volume.grid.voxels() == 1)
+    throw InvalidInput(std::string(what) + " image has a single voxel; there is nothing to register");
   if (volume.samples.size() != volume.grid.voxels())
     throw InvalidInput(std::string(what) + " image has " + std::to_string(volume.samples.size()) + " samples; its grid needs " +
                        std::to_string(volume.grid.voxels()));
@@ -127,6 +130,40 @@ struct IntensityScale {
     return scaled;
   }
 };
+
+/// Some visible voxel of the fixed image must fall onto the moving image, or there is nothing to compare.
+template <int Dim>
+void check_overlap(const RegistrationInput<Dim>& input) {
+  const ImageGrid<Dim>&fixed = input.fixed.grid, &moving = input.moving.grid;
+  const AffineMap<Dim> to_moving = frame_to_index(input);
+  const Lattice<Dim> lattice = lattice_of(fixed);
+  std::atomic<bool> found = false;
+#pragma omp parallel for schedule(static)
+  for (int slab = 0; slab < lattice.size[Dim - 1]; ++slab) {
+    if (found) continue;
+    visit_slab<Dim>(lattice, slab, [&](const Index<Dim>& index, std::size_t site) {
+      if (input.fixed_mask && !(input.fixed_mask->samples[site] > 0)) return;
+      Vector<Dim> at;
+      for (int axis = 0; axis < Dim; ++axis) at[axis] = index[axis] * fixed.spacing[axis];
+      const Vector<Dim> reached = to_moving(at);
+      for (int axis = 0; axis < Dim; ++axis)
+        if (!(reached[axis] >= -0.5 && reached[axis] <= moving.size[axis] - 0.5)) return;
+      found = true;
+    });
+  }
+  if (found) return;
+  const auto corners = [](const ImageGrid<Dim>& grid) {
+    Vector<Dim> last;
+    for (int axis = 0; axis < Dim; ++axis) last[axis] = grid.size[axis] - 1;
+    std::ostringstream text;
+    const Vector<Dim> end = grid.to_world(last);
+    for (int axis = 0; axis < Dim; ++axis) text << (axis ? " " : "(") << grid.origin[axis];
+    for (int axis = 0; axis < Dim; ++axis) text << (axis ? " " : ") to (") << end[axis];
+    return text.str() + ")";
+  };
+  throw InvalidInput("fixed and moving image do not overlap: they span " + corners(fixed) + " and " + corners(moving) +
+                     " mm; check their origins and directions, or give an affine start");
+}
 
 std::vector<Scalar> binary(const std::vector<float>& mask) {
   std::vector<Scalar> weights(mask.size());
@@ -244,7 +281,8 @@ struct StopRequested {};
 class WorkMeter {
  public:
   void plan(double work) { planned_ += work; }
-  void done(double work) { done_ += work; }
+  /// Line searches can take more than was planned: within a level the count stops at the level's end.
+  void done(double work, double planned_until_level_ends) { done_ = std::min(done_ + work, planned_until_level_ends); }
   /// A level has ended: what it did not use will not come.
   void settle(double planned_until_here) { done_ = planned_until_here; }
   double fraction() const { return planned_ > 0 ? std::min(1.0, done_ / planned_) : 0; }
@@ -263,6 +301,7 @@ RegistrationResult<Dim> register_images(const RegistrationInput<Dim>& input, con
   check_mask("fixed mask", input.fixed_mask, input.fixed);
   check_mask("moving mask", input.moving_mask, input.moving);
   check_start(input.start);
+  check_overlap(input);
   const std::vector<std::string> wrong = problems(asked);
   if (!wrong.empty()) throw InvalidInput(wrong.front());
   const RegistrationOptions options = resolved(asked, lattice_of(input.fixed.grid));
@@ -327,7 +366,7 @@ RegistrationResult<Dim> register_images(const RegistrationInput<Dim>& input, con
     double counted = 0;  // share of this evaluation that the meter has
     objective->on_work([&](double share) {
       if (share < counted) counted = 0;
-      meter.done((share - counted) * work);
+      meter.done((share - counted) * work, planned_until[step]);
       counted = share;
       if (!report()) throw StopRequested{};
     });

@@ -216,14 +216,21 @@ void JobManager::complete(const AttemptKey& key, const std::string& token, const
 }
 
 void JobManager::lose(const AttemptKey& key, LossCause cause, const std::string& detail) {
-  if (cause != LossCause::Exited || detail != "exit code 0")
-    log_("job " + key.job_id + ", attempt " + std::to_string(key.attempt) + ": " + describe(cause, detail));
   write_change([this, key, cause, detail](JobTable& table) { return queue_.lose(table, key, cause, detail); },
-               [this, key](std::exception_ptr error, const Change&) {
-                 if (!error) return;
-                 // Not recorded: the lease stays, so that its expiry tries once more.
+               [this, key, cause, detail](std::exception_ptr error, const Change& change) {
                  std::lock_guard lock(mutex_);
-                 leases_.retry_expiry(key, clock_.steady());
+                 if (error) {
+                   // Not recorded: the lease stays, so that its expiry tries once more.
+                   leases_.retry_expiry(key, clock_.steady());
+                   return;
+                 }
+                 if (!change.job) {
+                   // The attempt had ended before: nothing was lost, and its lease must not hold a slot.
+                   leases_.end(key);
+                   return;
+                 }
+                 if (cause != LossCause::Exited || detail != "exit code 0")
+                   log_("job " + key.job_id + ", attempt " + std::to_string(key.attempt) + ": " + describe(cause, detail));
                });
 }
 

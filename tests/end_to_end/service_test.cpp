@@ -151,6 +151,7 @@ INSTANTIATE_TEST_SUITE_P(
                     BadInput{"mask_elsewhere", 1, {"--moving-mask", "mask.mha"}, {"GEOMETRY_MISMATCH", "moving mask"}},
                     BadInput{"window", 2, {"--intensity-window", "5,1"}, {"--intensity-window", "5,1"}},
                     BadInput{"outside_crop", 1, {"--crop", "0,0:500,20"}, {"INVALID_OPTIONS"}},
+                    BadInput{"no_folder", 2, {"--out", "/proc/nowhere"}, {"--out", "/proc/nowhere"}},
                     BadInput{"parameter", 2, {"--set", "steps=4"}, {"steps"}}),
     [](const auto& info) { return info.param.name; });
 

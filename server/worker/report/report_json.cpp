@@ -1,4 +1,5 @@
 #include "server/worker/report/measures.h"
+#include "core/registration/register_images.h"
 #include "server/worker/report/report.h"
 
 #include <nlohmann/json.hpp>
@@ -117,6 +118,7 @@ std::string report_json(const ReportInput<Dim>& input) {
   json["seconds"] = {{"wall", summary.seconds}, {"cpu", summary.cpu_seconds}};
   json["stage_seconds"] = input.stage_seconds;
   if (input.peak_memory_bytes > 0) json["peak_memory_bytes"] = input.peak_memory_bytes;
+  json["memory_estimate_bytes"] = memory_estimate(input.input->fixed.grid, input.input->moving.grid, *input.options);
 
   json["momenta"] = json["levels"] = json["history"] = Json::array();
   for (const MomentumField<Dim>& field : result.momenta) json["momenta"].push_back(describe(field));

@@ -58,7 +58,11 @@ const std::vector<Case>& cases() {
        {"time_steps is '-1'", "must be"}},
       {"setting value with control characters",
        [](Request& r) { (*r.mutable_spec()->mutable_settings())["time_steps"] = "1\n2"; }, {"time_steps", "'1?2'", "printable"}},
-      {"settings together", [](Request& r) { (*r.mutable_spec()->mutable_settings())["finest_level"] = "4"; },
+      {"settings together",
+       [](Request& r) {
+         (*r.mutable_spec()->mutable_settings())["levels"] = "3";
+         (*r.mutable_spec()->mutable_settings())["finest_level"] = "4";
+       },
        {"finest_level is 4", "less than levels"}},
       {"affine", [](Request& r) { r.mutable_spec()->set_affine(static_cast<v1::AffineStart>(9)); },
        {"spec.affine is 9", "rigid"}},

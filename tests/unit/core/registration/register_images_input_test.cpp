@@ -59,6 +59,26 @@ TEST(RegisterImagesInput, NamesAnImageWithoutItsSamples) {
   EXPECT_THAT(refusal(input), HasSubstr("spacing"));
 }
 
+TEST(RegisterImagesInput, NamesImagesThatDoNotOverlap) {
+  RegistrationInput<2> input = good();
+  input.moving.grid.origin = {1000, 1000};
+  EXPECT_THAT(refusal(input), HasSubstr("do not overlap"));
+  EXPECT_THAT(refusal(input), HasSubstr("(1000 1000) to (1007 1005)"));
+  input.start.offset = {1000, 1000};  // a start that brings them together is the way out
+  EXPECT_NO_THROW(register_images<2>(input, options()));
+  input.start.offset = {1007.4, 1005.4};
+  input.fixed_mask = Volume<2>(input.fixed.grid, 1.0f);
+  input.fixed_mask->samples[0] = 0;  // only the hidden corner would meet the moving image
+  EXPECT_THAT(refusal(input), HasSubstr("do not overlap"));
+}
+
+TEST(RegisterImagesInput, NamesAnImageOfOneVoxel) {
+  RegistrationInput<2> input = good();
+  input.moving.grid.size = {1, 1};
+  input.moving.samples.resize(1);
+  EXPECT_EQ(refusal(input), "moving image has a single voxel; there is nothing to register");
+}
+
 TEST(RegisterImagesInput, NamesAMaskThatDoesNotFitItsImage) {
   ImageGrid<2> small = good().fixed.grid;
   small.size = {8, 5};
@@ -129,7 +149,7 @@ TEST(RegisterImagesInput, NamesAnOptionOutOfItsRange) {
 
 // The smallest images there are: they end with a result.
 TEST(RegisterImagesInput, TakesTinyAndThinImages) {
-  for (const Index<3>& size : {Index<3>{2, 2, 2}, {1, 1, 1}, {9, 1, 1}, {12, 10, 1}, {1, 8, 3}}) {
+  for (const Index<3>& size : {Index<3>{2, 2, 2}, {2, 1, 1}, {9, 1, 1}, {12, 10, 1}, {1, 8, 3}}) {
     ImageGrid<3> grid;
     grid.size = size;
     RegistrationInput<3> input;
