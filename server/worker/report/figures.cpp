@@ -5,6 +5,7 @@
 #include "server/worker/report/markup.h"
 #include "server/worker/report/pictures.h"
 
+#include <algorithm>
 #include <cmath>
 #include <functional>
 #include <sstream>
@@ -30,24 +31,25 @@ class Figures {
       : input_(input), pictures_(input), planes_(choose_planes(input.result->displacement)) {}
 
   std::string sections() const {
-    std::string html = "<section><h2>Images</h2>" + where();
-    html += gallery({figure("Fixed", "what stays", &Pictures<Dim>::fixed),
-                     figure("Moving", has_start() ? "after the affine start" : "as it came", &Pictures<Dim>::moving),
-                     figure("Registered", "moving(x + u(x))", &Pictures<Dim>::warped)});
-    html += "</section>\n<section><h2>Match</h2>";
     const std::string range = number(100 * pictures_.difference_range(), 2);
     const std::string bar = colour_bar([](double t) { return diverging(2 * t - 1); }, {"-" + range, "0", "+" + range},
                                        "% of the intensity window");
-    html += gallery({figure("Difference before", "moving - fixed", &Pictures<Dim>::difference_before, bar),
-                     figure("Difference after", "registered - fixed", &Pictures<Dim>::difference_after, bar),
-                     figure("Checkerboard", "fixed and registered by turns", &Pictures<Dim>::checkerboard)});
-    html += "</section>\n<section><h2>Deformation</h2>";
-    html += gallery({figure("Displacement", "length of u(x)", &Pictures<Dim>::displacement, displacement_bar()),
-                     figure("Jacobian determinant", "blue shrinks, red grows, magenta folds", &Pictures<Dim>::jacobian,
-                            jacobian_bar()),
-                     grid_figure()});
-    html += "</section>\n";
-    return html + momenta_section();
+    std::vector<std::string> images{
+        figure("Fixed", "what stays", &Pictures<Dim>::fixed),
+        figure("Moving", has_start() ? "after the affine start" : "as it came", &Pictures<Dim>::moving),
+        figure("Registered", "moving(x + u(x))", &Pictures<Dim>::warped)};
+    std::vector<std::string> match{figure("Difference before", "moving - fixed", &Pictures<Dim>::difference_before, bar),
+                                   figure("Difference after", "registered - fixed", &Pictures<Dim>::difference_after, bar)};
+    // Flat pictures stand three in a row, volumes two.
+    (Dim == 2 ? match : images)
+        .push_back(figure("Checkerboard", "fixed and registered by turns", &Pictures<Dim>::checkerboard));
+    const std::vector<std::string> deformation{
+        figure("Displacement", "length of u(x)", &Pictures<Dim>::displacement, displacement_bar()),
+        figure("Jacobian determinant", "blue shrinks, red grows, magenta folds", &Pictures<Dim>::jacobian, jacobian_bar()),
+        grid_figure()};
+    return "<section><h2>Images</h2>" + where() + gallery(images) + "</section>\n<section><h2>Match</h2>" +
+           gallery(match) + "</section>\n<section><h2>Deformation</h2>" + gallery(deformation) + "</section>\n" +
+           momenta_section();
   }
 
  private:
@@ -61,17 +63,28 @@ class Figures {
     return html + "</div>\n";
   }
 
-  /// One picture per plane; their widths are in proportion, so that all have the same scale.
+  /// One picture per plane, all at the same scale: the first on the left, the others on top of each other beside it.
   std::string panels(const std::function<std::string(const SlicePlane<Dim>&)>& content) const {
+    const auto wide = [](const SlicePlane<Dim>& plane) { return plane.width * plane.pixel_mm; };
     std::ostringstream html;
-    html << "<div class=\"panels\">";
-    for (const SlicePlane<Dim>& plane : planes_)
-      html << "<div class=\"panel\" style=\"flex:" << plane.width * plane.pixel_mm << " 1 0\"><div class=\"frame\">"
-           << content(plane) << label(plane.left_label, "left") << label(plane.right_label, "right")
-           << label(plane.top_label, "top") << label(plane.bottom_label, "bottom") << "</div>"
-           << (plane.name.empty() ? "" : "<div class=\"plane\">" + plane.name + "</div>") << "</div>";
+    html << "<div class=\"panels\"><div class=\"stack\" style=\"flex:" << wide(planes_.front()) << " 1 0\">"
+         << panel(planes_.front(), 1, content) << "</div>";
+    if (Dim == 3) {
+      const double widest = std::max(wide(planes_[1]), wide(planes_[2]));
+      html << "<div class=\"stack\" style=\"flex:" << widest << " 1 0\">"
+           << panel(planes_[1], wide(planes_[1]) / widest, content)
+           << panel(planes_[2], wide(planes_[2]) / widest, content) << "</div>";
+    }
     html << "</div>";
     return html.str();
+  }
+
+  static std::string panel(const SlicePlane<Dim>& plane, double share,
+                           const std::function<std::string(const SlicePlane<Dim>&)>& content) {
+    return "<div style=\"width:" + number(100 * share) + "%\"><div class=\"frame\">" + content(plane) +
+           label(plane.left_label, "left") + label(plane.right_label, "right") + label(plane.top_label, "top") +
+           label(plane.bottom_label, "bottom") + "</div>" +
+           (plane.name.empty() ? "" : "<div class=\"plane\">" + plane.name + "</div>") + "</div>";
   }
 
   static std::string label(const std::string& text, const std::string& side) {
@@ -87,7 +100,7 @@ class Figures {
 
   static std::string caption(const std::string& title, const std::string& explanation) {
     return "<figcaption><b>" + escaped(title) + "</b>" +
-           (explanation.empty() ? "" : " <span>" + escaped(explanation) + "</span>") + "</figcaption>";
+           " <span>" + escaped(explanation) + "</span></figcaption>";
   }
 
   std::string figure(const std::string& title, const std::string& explanation, Painter painter,

@@ -15,19 +15,20 @@ main { max-width: 1240px; margin: 0 auto; padding: 28px 24px 60px; }
 h1 { font-size: 26px; font-weight: 650; margin: 0 0 2px; overflow-wrap: anywhere; }
 h2 { font-size: 17px; font-weight: 650; margin: 40px 0 10px; padding-top: 14px; border-top: 1px solid var(--line); }
 p { color: var(--soft); margin: 4px 0 12px; max-width: 80ch; }
-.lead { font-size: 16px; margin-bottom: 20px; }
+.lead { font-size: 16px; margin-bottom: 20px; max-width: none; }
 .cards { display: grid; grid-template-columns: repeat(auto-fill, minmax(215px, 1fr)); gap: 12px; }
 .card { background: var(--card); border: 1px solid var(--line); border-radius: 8px; padding: 12px 14px; }
 .card .name { color: var(--soft); font-size: 12.5px; }
-.card .value { font-size: 22px; font-weight: 600; font-variant-numeric: tabular-nums; margin: 2px 0; white-space: nowrap; }
+.card .value { font-size: 22px; font-weight: 600; font-variant-numeric: tabular-nums; margin: 2px 0; }
 .card .note { color: var(--soft); font-size: 12.5px; }
-.gallery { display: grid; grid-template-columns: 1fr; gap: 22px; }
-.flat.gallery { grid-template-columns: repeat(auto-fill, minmax(320px, 1fr)); }
+.gallery { display: grid; grid-template-columns: repeat(auto-fill, minmax(min(100%, 480px), 1fr)); gap: 26px 32px; }
+.flat.gallery { grid-template-columns: repeat(auto-fill, minmax(min(100%, 320px), 1fr)); gap: 22px; }
 figure { margin: 0; break-inside: avoid; }
 figcaption { margin-bottom: 6px; line-height: 1.35; }
-figcaption span { color: var(--soft); font-size: 13px; margin-left: 4px; }
-.panels { display: flex; gap: 10px; align-items: flex-end; }
-.panel { min-width: 0; }
+figcaption span { color: var(--soft); font-size: 13px; }
+.flat figcaption span { display: block; min-height: 1.35em; } .gallery:not(.flat) figcaption span { margin-left: 4px; }
+.panels { display: flex; gap: 10px; align-items: flex-start; }
+.stack { min-width: 0; display: flex; flex-direction: column; gap: 6px; }
 .frame { position: relative; line-height: 0; }
 .frame img { width: 100%; height: auto; border-radius: 3px; }
 img.pixels { image-rendering: pixelated; }
@@ -41,18 +42,20 @@ img.pixels { image-rendering: pixelated; }
 .bar img { display: block; width: 100%; height: 10px; border-radius: 2px; }
 .bar > div { display: flex; justify-content: space-between; margin-top: 3px; }
 .bar > div.unit { justify-content: center; margin-top: 1px; }
-.charts { display: grid; grid-template-columns: repeat(auto-fill, minmax(330px, 1fr)); gap: 16px; }
+.charts { margin-bottom: 14px; display: grid; grid-template-columns: repeat(auto-fill, minmax(330px, 1fr)); gap: 16px; }
 .chart { width: 100%; height: auto; background: var(--card); border: 1px solid var(--line); border-radius: 8px; break-inside: avoid; }
 .chart text { fill: var(--ink); font-size: 11px; } .chart .tick, .chart .label { fill: var(--soft); font-size: 10.5px; }
 .chart .chart-title { font-size: 12.5px; font-weight: 600; }
 .chart .rule { stroke: var(--line); } .curve { fill: none; stroke-width: 1.8; stroke-linejoin: round; }
 .curve0 { stroke: var(--c0); } .curve1 { stroke: var(--c1); stroke-dasharray: 5 3; }
 .curve2 { stroke: var(--c2); stroke-dasharray: 1.5 2.5; } .curve3 { stroke: var(--c3); stroke-dasharray: 8 2 2 2; }
-.columns { display: grid; grid-template-columns: repeat(auto-fit, minmax(380px, 1fr)); gap: 8px 32px; align-items: start; }
+.columns .chart { max-width: 440px; }
+.columns { display: grid; grid-template-columns: repeat(auto-fit, minmax(min(100%, 380px), 1fr)); gap: 8px 32px; align-items: start; }
 .scroll { overflow-x: auto; } table { border-collapse: collapse; width: 100%; font-size: 13.5px; font-variant-numeric: tabular-nums; }
 th { text-align: right; font-weight: 600; color: var(--soft); border-bottom: 1px solid var(--line); padding: 5px 10px; }
 td { text-align: right; border-bottom: 1px solid var(--line); padding: 4px 10px; white-space: nowrap; }
 th:first-child, td:first-child { text-align: left; padding-left: 0; }
+.narrow { max-width: 480px; margin-bottom: 14px; }
 .settings td:last-child { white-space: normal; text-align: left; color: var(--soft); } .settings th:last-child { text-align: left; }
 footer { margin-top: 40px; color: var(--soft); font-size: 12.5px; }
 @media print {

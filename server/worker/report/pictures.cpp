@@ -1,5 +1,6 @@
 #include "server/worker/report/pictures.h"
 
+#include "core/evaluation/statistics.h"
 #include "server/worker/report/colour_map.h"
 #include "server/worker/report/field_sampling.h"
 #include "server/worker/report/measures.h"
@@ -12,10 +13,11 @@ namespace {
 
 /// At most about 200 000 of the samples, evenly spread: enough for the scale of a colour map.
 template <class Value>
-std::vector<float> thinned(std::size_t count, const Value& value) {
+std::vector<double> thinned_and_sorted(std::size_t count, const Value& value) {
   const std::size_t step = count / 200'000 + 1;
-  std::vector<float> values;
-  for (std::size_t i = 0; i < count; i += step) values.push_back(static_cast<float>(value(i)));
+  std::vector<double> values;
+  for (std::size_t i = 0; i < count; i += step) values.push_back(value(i));
+  std::sort(values.begin(), values.end());
   return values;
 }
 
@@ -49,13 +51,13 @@ Pictures<Dim>::Pictures(const ReportInput<Dim>& input) : input_(input) {
     }
     return index;
   };
-  difference_range_ = std::max(0.02, quantile(thinned(grid.voxels(), [&](std::size_t voxel) {
+  difference_range_ = std::max(0.02, quantile_of_sorted(thinned_and_sorted(grid.voxels(), [&](std::size_t voxel) {
                                        const Vector<Dim> index = index_of(voxel);
                                        return std::abs(moving_at(index) - fixed_at(index));
                                      }), 0.99));
   displacement_range_ = measure_displacement(result.displacement).max_mm;
   if (!(displacement_range_ > 0)) displacement_range_ = 1;
-  const double logarithm = quantile(thinned(grid.voxels(), [&](std::size_t voxel) {
+  const double logarithm = quantile_of_sorted(thinned_and_sorted(grid.voxels(), [&](std::size_t voxel) {
                                       const double j = result.jacobian.samples[voxel];
                                       return j > 0 ? std::abs(std::log2(j)) : 0.0;
                                     }), 0.999);
@@ -72,8 +74,8 @@ Pictures<Dim>::Pictures(const ReportInput<Dim>& input) : input_(input) {
 
 template <int Dim>
 typename Pictures<Dim>::Window Pictures<Dim>::window_of(const Volume<Dim>& image) {
-  const auto values = thinned(image.samples.size(), [&](std::size_t i) { return image.samples[i]; });
-  Window window{quantile(values, 0.002), quantile(values, 0.998)};
+  const auto values = thinned_and_sorted(image.samples.size(), [&](std::size_t i) { return image.samples[i]; });
+  Window window{quantile_of_sorted(values, 0.002), quantile_of_sorted(values, 0.998)};
   if (!(window.high > window.low)) window = {window.low - 0.5, window.low + 0.5};
   return window;
 }

@@ -1,3 +1,5 @@
+#include "core/evaluation/jacobian.h"
+#include "core/evaluation/statistics.h"
 #include "server/worker/report/figures.h"
 #include "server/worker/report/line_chart.h"
 #include "server/worker/report/markup.h"
@@ -28,20 +30,27 @@ std::string card(const std::string& name, const std::string& value, const std::s
 
 std::string from_to(double before, double after) { return number(before) + " \u2192 " + number(after); }
 
+std::string similarity_card(const RegistrationSummary& summary, const std::string& name) {
+  const double before = summary.similarity_before, after = summary.similarity_after;
+  const std::string values = from_to(before, after);
+  // Values are integrals and their size says little; what share of it is gone says more.
+  const std::string change = before > 0 && after <= before ? percentage((before - after) / before) + " less" : values;
+  return card("Dissimilarity (" + name + ")", change, values + ", at full resolution");
+}
+
 template <int Dim>
 std::string cards(const ReportInput<Dim>& input, const std::optional<LandmarkMeasures>& landmarks) {
   const RegistrationSummary& summary = input.result->summary;
   std::string html = "<div class=\"cards\">\n";
   if (landmarks) {
-    const Statistics before = statistics(landmarks->before), after = statistics(landmarks->after);
+    const Statistics before = summarise(landmarks->before), after = summarise(landmarks->after);
     html += card("Landmark error, mean", from_to(before.mean, after.mean) + " mm",
-                 std::to_string(after.count) + " landmarks, median " + number(after.median) + " mm");
+                 std::to_string(after.n) + " landmarks, median " + number(after.median) + " mm");
   }
-  html += card("Similarity (" + to_string(input.options->similarity) + ")",
-               from_to(summary.similarity_before, summary.similarity_after), "lower is better, at full resolution");
+  html += similarity_card(summary, to_string(input.options->similarity));
   const DisplacementMeasures displacement = measure_displacement(input.result->displacement);
   html += card("Displacement, largest", number(displacement.max_mm) + " mm", "mean " + number(displacement.mean_mm) + " mm");
-  const JacobianMeasures jacobian = measure_jacobian(input.result->jacobian);
+  const JacobianStatistics jacobian = jacobian_statistics(input.result->jacobian);
   html += card("Folded voxels (J \u2264 0)", percentage(jacobian.share_not_positive),
                "J from " + number(jacobian.min) + " to " + number(jacobian.max) + ", sd log J " + number(jacobian.sd_log));
   html += card("Inverse consistency", number(summary.inverse_consistency_mm) + " mm",
@@ -91,7 +100,7 @@ std::string convergence_section(const RegistrationSummary& summary) {
 /// Share of the landmarks (percent) that err by at most so many millimetres.
 Curve distribution(const std::string& name, std::vector<double> errors) {
   std::sort(errors.begin(), errors.end());
-  Curve curve{name, {{0, 0}}};
+  Curve curve{name, {{errors.front(), 0}}};
   for (std::size_t i = 0; i < errors.size(); ++i)
     curve.points.emplace_back(errors[i], 100.0 * static_cast<double>(i + 1) / static_cast<double>(errors.size()));
   return curve;
@@ -102,8 +111,8 @@ std::string landmark_section(const LandmarkMeasures& landmarks) {
   LineChart chart{.title = "Landmarks with at most this error", .x_label = "error [mm]", .y_label = "share [%]",
                   .curves = {}, .y_starts_at_zero = true};
   const auto add = [&](const std::string& name, const std::vector<double>& errors) {
-    const Statistics found = statistics(errors);
-    rows.push_back({name, std::to_string(found.count), number(found.mean), number(found.sd), number(found.median),
+    const Statistics found = summarise(errors);
+    rows.push_back({name, std::to_string(found.n), number(found.mean), number(found.sd), number(found.median),
                     number(found.p90), number(found.max)});
     chart.curves.push_back(distribution(name, errors));
   };
@@ -122,8 +131,9 @@ std::string settings_section(const ReportInput<Dim>& input) {
   for (const ParameterInfo& parameter : list_parameters(options))
     rows.push_back({parameter.name, parameter.value, parameter.unit, parameter.description});
   std::string html = "<section><h2>Images and settings</h2>";
-  html += table({"image", "grid"}, {{"fixed", describe(input.input->fixed.grid)}, {"moving", describe(input.input->moving.grid)}});
-  html += "<p></p><div class=\"settings\">" + table({"parameter", "value", "unit", "meaning"}, rows) + "</div>";
+  html += "<div class=\"narrow\">" + table({"image", "grid"}, {{"fixed", describe(input.input->fixed.grid)},
+                                                             {"moving", describe(input.input->moving.grid)}}) + "</div>";
+  html += "<div class=\"settings\">" + table({"parameter", "value", "unit", "meaning"}, rows) + "</div>";
   return html + "</section>\n";
 }
 
@@ -134,7 +144,7 @@ std::string timing_section(const ReportInput<Dim>& input) {
   std::stable_sort(stages.begin(), stages.end(), [](const auto& a, const auto& b) { return a.second > b.second; });
   std::vector<std::vector<std::string>> rows;
   for (const auto& [name, seconds] : stages) rows.push_back({name, number(seconds)});
-  return "<section><h2>Timings</h2>" + table({"stage", "wall seconds"}, rows) + "</section>\n";
+  return "<section><h2>Timings</h2><div class=\"narrow\">" + table({"stage", "wall seconds"}, rows) + "</div></section>\n";
 }
 
 }  // namespace

@@ -1,3 +1,5 @@
+#include "core/evaluation/jacobian.h"
+#include "core/evaluation/statistics.h"
 #include "server/worker/report/measures.h"
 #include "core/registration/register_images.h"
 #include "server/worker/report/report.h"
@@ -33,14 +35,17 @@ Json describe(const ImageGrid<Dim>& grid) {
 /// Parameters come as text; numbers and booleans are told as what they are.
 Json value_of(const std::string& text) {
   if (text == "true" || text == "false") return text == "true";
+  const char* const last = text.data() + text.size();
+  const auto is_whole = [last](const std::from_chars_result& read) { return read.ec == std::errc() && read.ptr == last; };
+  int count = 0;
+  if (is_whole(std::from_chars(text.data(), last, count))) return count;
   double number = 0;
-  const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), number);
-  if (error != std::errc() || end != text.data() + text.size()) return text;
-  return number;
+  if (is_whole(std::from_chars(text.data(), last, number))) return number;
+  return text;
 }
 
 Json describe(const Statistics& statistics) {
-  return {{"count", statistics.count},   {"mean", statistics.mean}, {"sd", statistics.sd},
+  return {{"n", statistics.n},           {"mean", statistics.mean}, {"sd", statistics.sd},
           {"median", statistics.median}, {"p90", statistics.p90},   {"max", statistics.max}};
 }
 
@@ -103,13 +108,13 @@ std::string report_json(const ReportInput<Dim>& input) {
   json["termination"] = to_string(summary.termination);
   json["similarity_value"] = {{"before", summary.similarity_before}, {"after", summary.similarity_after}};
   if (const auto landmarks = measure_landmarks(input)) {
-    json["landmark_error_mm"]["before"] = describe(statistics(landmarks->before));
-    if (landmarks->start) json["landmark_error_mm"]["affine_start"] = describe(statistics(*landmarks->start));
-    json["landmark_error_mm"]["after"] = describe(statistics(landmarks->after));
+    json["landmark_error_mm"]["before"] = describe(summarise(landmarks->before));
+    if (landmarks->start) json["landmark_error_mm"]["affine_start"] = describe(summarise(*landmarks->start));
+    json["landmark_error_mm"]["after"] = describe(summarise(landmarks->after));
   }
   const DisplacementMeasures displacement = measure_displacement(result.displacement);
   json["displacement_mm"] = {{"mean", displacement.mean_mm}, {"max", displacement.max_mm}};
-  const JacobianMeasures jacobian = measure_jacobian(result.jacobian);
+  const JacobianStatistics jacobian = jacobian_statistics(result.jacobian);
   json["jacobian"] = {{"min", jacobian.min}, {"max", jacobian.max}, {"share_not_positive", jacobian.share_not_positive},
                       {"sd_log", jacobian.sd_log}};
   json["inverse_consistency_mm"] = summary.inverse_consistency_mm;

@@ -32,8 +32,13 @@ struct ReportScene {
       images.fixed.samples[voxel] = result.warped.samples[voxel] = static_cast<float>(std::sin(0.1 * static_cast<double>(voxel)));
       images.moving.samples[voxel] = static_cast<float>(std::cos(0.1 * static_cast<double>(voxel)));
     }
-    result.jacobian.samples[0] = -0.5f;
-    result.jacobian.samples[1] = 2.0f;
+    std::size_t middle = 0, stride = 1;
+    for (int axis = 0; axis < Dim; ++axis) {
+      middle += stride * static_cast<std::size_t>(grid.size[axis] / 2);
+      stride *= static_cast<std::size_t>(grid.size[axis]);
+    }
+    result.jacobian.samples[middle] = -0.5f;
+    result.jacobian.samples[middle + 1] = 2.0f;
 
     MomentumField<Dim> smooth{.kernel = "gaussian", .width_mm = 8, .axis = -1, .vectors = VectorVolume<Dim>(grid)};
     smooth.vectors.component(0)[3] = 1.5f;
