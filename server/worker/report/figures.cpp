@@ -1,8 +1,8 @@
 #include "server/worker/report/figures.h"
 
 #include "server/worker/report/colour_map.h"
-#include "server/worker/report/deformed_grid.h"
 #include "server/worker/report/markup.h"
+#include "server/worker/report/overlay_paths.h"
 #include "server/worker/report/pictures.h"
 
 #include <algorithm>
@@ -44,7 +44,7 @@ class Figures {
     (Dim == 2 ? match : images)
         .push_back(figure("Checkerboard", "fixed and registered by turns", &Pictures<Dim>::checkerboard));
     const std::vector<std::string> deformation{
-        figure("Displacement", "length of u(x)", &Pictures<Dim>::displacement, displacement_bar()),
+        displacement_figure(),
         figure("Jacobian determinant", "blue shrinks, red grows, magenta folds", &Pictures<Dim>::jacobian, jacobian_bar()),
         grid_figure()};
     return "<section><h2>Images</h2>" + where() + gallery(images) + "</section>\n<section><h2>Match</h2>" +
@@ -110,14 +110,24 @@ class Figures {
            }) + bar + "</figure>\n";
   }
 
+  static std::string overlay(const SlicePlane<Dim>& plane, const std::string& kind, const std::string& path) {
+    return "<svg class=\"overlay " + kind + "\" viewBox=\"0 0 " + std::to_string(plane.width) + ' ' +
+           std::to_string(plane.height) + "\" preserveAspectRatio=\"none\"><path d=\"" + path + "\"/></svg>";
+  }
+
+  std::string displacement_figure() const {
+    return "<figure>" + caption("Displacement", "length of u(x); arrows: from x towards x + u(x)") +
+           panels([&](const SlicePlane<Dim>& plane) {
+             return image(plane, pictures_.displacement(plane), "Displacement") +
+                    overlay(plane, "arrows", arrow_path(input_.result->displacement, plane, pictures_.displacement_range()));
+           }) + displacement_bar() + "</figure>\n";
+  }
+
   std::string grid_figure() const {
     return "<figure>" + caption("Deformed grid", "fixed grid carried by u over the moving image") +
            panels([&](const SlicePlane<Dim>& plane) {
-             std::ostringstream overlay;
-             overlay << image(plane, pictures_.moving(plane), "Deformed grid") << "<svg class=\"overlay\" viewBox=\"0 0 "
-                     << plane.width << ' ' << plane.height << "\" preserveAspectRatio=\"none\"><path d=\""
-                     << deformed_grid_path(input_.result->displacement, plane) << "\"/></svg>";
-             return overlay.str();
+             return image(plane, pictures_.moving(plane), "Deformed grid") +
+                    overlay(plane, "lines", deformed_grid_path(input_.result->displacement, plane));
            }) + "</figure>\n";
   }
 

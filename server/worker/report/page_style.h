@@ -33,7 +33,8 @@ figcaption span { color: var(--soft); font-size: 13px; }
 .frame img { width: 100%; height: auto; border-radius: 3px; }
 img.pixels { image-rendering: pixelated; }
 .overlay { position: absolute; inset: 0; width: 100%; height: 100%; overflow: hidden; }
-.overlay path { fill: none; stroke: #ffd23e; stroke-width: 1; vector-effect: non-scaling-stroke; stroke-opacity: .85; }
+.overlay path { fill: none; stroke-width: 1.1; stroke-linecap: round; vector-effect: non-scaling-stroke; }
+.lines path { stroke: #ffd23e; stroke-opacity: .85; } .arrows path { stroke: #fff; stroke-width: 1.3; filter: drop-shadow(0 0 1px #0008); }
 .plane { color: var(--soft); font-size: 12px; text-align: center; margin-top: 3px; }
 .side { position: absolute; font-size: 11px; line-height: 1; color: #fff; text-shadow: 0 0 2px #000, 0 0 3px #000; }
 .side.left { left: 4px; top: 50%; } .side.right { right: 4px; top: 50%; }

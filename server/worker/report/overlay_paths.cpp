@@ -1,0 +1,75 @@
+#include "server/worker/report/overlay_paths.h"
+
+#include "server/worker/report/field_sampling.h"
+
+#include <algorithm>
+#include <cstdio>
+
+namespace saltus::report {
+namespace {
+
+constexpr int lines_along_longest_side = 24;
+constexpr int points_along_longest_side = 192;
+constexpr int arrows_along_longest_side = 16;
+
+void add_point(std::string& path, char command, const Vector<2>& point) {
+  char text[64];
+  std::snprintf(text, sizeof text, "%c%.1f %.1f", command, point[0], point[1]);
+  path += text;
+}
+
+}  // namespace
+
+template <int Dim>
+std::string deformed_grid_path(const VectorVolume<Dim>& displacement, const SlicePlane<Dim>& plane) {
+  const ImageGrid<Dim>& grid = displacement.grid;
+  const double longest = std::max(plane.width, plane.height);
+  const double distance = longest / lines_along_longest_side;
+  const double step = std::max(1.0, longest / points_along_longest_side);
+  std::string path;
+  const auto add = [&](double column, double row, char command) {
+    const Vector<Dim> index = plane.index_at(column, row, grid);
+    const Vector<Dim> moved = grid.to_index(grid.to_world(index) + sample(displacement, index));
+    add_point(path, command, plane.picture_point(moved, grid));
+  };
+  const auto add_lines = [&](double across, double along, const auto& point) {
+    for (double line = distance / 2; line < across; line += distance) {
+      char command = 'M';
+      for (double at = 0; at <= along + 1e-9; at += step, command = 'L') point(line, at, command);
+    }
+  };
+  add_lines(plane.width, plane.height, [&](double line, double at, char command) { add(line, at, command); });
+  add_lines(plane.height, plane.width, [&](double line, double at, char command) { add(at, line, command); });
+  return path;
+}
+
+template <int Dim>
+std::string arrow_path(const VectorVolume<Dim>& displacement, const SlicePlane<Dim>& plane, double longest_mm) {
+  const ImageGrid<Dim>& grid = displacement.grid;
+  const double distance = static_cast<double>(std::max(plane.width, plane.height)) / arrows_along_longest_side;
+  std::string path;
+  for (double row = distance / 2; row < plane.height; row += distance)
+    for (double column = distance / 2; column < plane.width; column += distance) {
+      const Vector<Dim> index = plane.index_at(column, row, grid);
+      const Vector<Dim> moved = grid.to_index(grid.to_world(index) + sample(displacement, index));
+      const Vector<2> middle(column, row);
+      const Vector<2> arrow = (plane.picture_point(moved, grid) - middle) * plane.pixel_mm / longest_mm * 0.9 * distance;
+      // What is too short for a head would only be dirt.
+      if (!(arrow.norm() > 0.12 * distance)) continue;
+      const Vector<2> tip = middle + arrow / 2, across(-arrow[1], arrow[0]);
+      const double head = std::min(0.35, 0.2 * distance / arrow.norm());
+      add_point(path, 'M', middle - arrow / 2);
+      add_point(path, 'L', tip);
+      add_point(path, 'M', tip - head * arrow + 0.6 * head * across);
+      add_point(path, 'L', tip);
+      add_point(path, 'L', tip - head * arrow - 0.6 * head * across);
+    }
+  return path;
+}
+
+template std::string arrow_path(const VectorVolume<2>&, const SlicePlane<2>&, double);
+template std::string arrow_path(const VectorVolume<3>&, const SlicePlane<3>&, double);
+template std::string deformed_grid_path(const VectorVolume<2>&, const SlicePlane<2>&);
+template std::string deformed_grid_path(const VectorVolume<3>&, const SlicePlane<3>&);
+
+}  // namespace saltus::report

@@ -1,0 +1,20 @@
+#pragma once
+
+#include "core/grid/volume.h"
+#include "server/worker/report/slice_plane.h"
+
+#include <string>
+
+namespace saltus::report {
+
+/// Both give the `d` of an SVG path in picture pixels. Of a 3-D displacement the part within the plane is shown.
+
+/// The lines of a regular grid of the plane, carried along by x -> x + u(x).
+template <int Dim>
+std::string deformed_grid_path(const VectorVolume<Dim>& displacement, const SlicePlane<Dim>& plane);
+
+/// Arrows along u at regular points of the plane; one of `longest_mm` is nearly as long as the points are apart.
+template <int Dim>
+std::string arrow_path(const VectorVolume<Dim>& displacement, const SlicePlane<Dim>& plane, double longest_mm);
+
+}  // namespace saltus::report
