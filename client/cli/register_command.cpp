@@ -98,14 +98,28 @@ int register_on(const std::string& address, const RegisterOptions& options, v1::
   return Done;
 }
 
-/// Before the work, not after it: an hour's result must have somewhere to go.
-void require_writable(const std::string& folder) {
-  std::error_code error;
-  std::filesystem::create_directories(folder, error);
-  if (error || !std::filesystem::is_directory(folder) || ::access(folder.c_str(), W_OK) != 0)
-    throw InvalidInput("--out is '" + folder + "', where no folder can be made or written (" +
-                       (error ? error.message() : std::string("not a writable folder")) + "); name another one");
-}
+/// The folder for the result, made before the work: an hour's result must have somewhere to go. Taken away again when
+/// it was made here and stays empty.
+class ResultFolder {
+ public:
+  explicit ResultFolder(std::filesystem::path folder) : folder_(std::move(folder)) {
+    std::error_code error;
+    is_new_ = std::filesystem::create_directories(folder_, error);
+    if (error || !std::filesystem::is_directory(folder_) || ::access(folder_.c_str(), W_OK) != 0)
+      throw InvalidInput("--out is '" + folder_.string() + "', where no folder can be made or written (" +
+                         (error ? error.message() : std::string("not a writable folder")) + "); name another one");
+  }
+  ~ResultFolder() {
+    std::error_code not_empty;
+    if (is_new_) std::filesystem::remove(folder_, not_empty);
+  }
+  ResultFolder(const ResultFolder&) = delete;
+  ResultFolder& operator=(const ResultFolder&) = delete;
+
+ private:
+  std::filesystem::path folder_;
+  bool is_new_ = false;
+};
 
 int register_images(const RegisterOptions& options) {
   if (wants_parameter_help(options.job)) {
@@ -114,7 +128,7 @@ int register_images(const RegisterOptions& options) {
   }
   const v1::RegistrationSpec spec = make_spec(options.job);
   if (options.out.empty()) throw InvalidInput("--out is missing; name a folder for the result");
-  require_writable(options.out);
+  const ResultFolder folder(options.out);
   // Made before the daemon and ended after it, so that no interrupt leaves its folder behind.
   InterruptibleJob interruptible;
   try {

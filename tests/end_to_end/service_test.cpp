@@ -151,9 +151,18 @@ INSTANTIATE_TEST_SUITE_P(
                     BadInput{"mask_elsewhere", 1, {"--moving-mask", "mask.mha"}, {"GEOMETRY_MISMATCH", "moving mask"}},
                     BadInput{"window", 2, {"--intensity-window", "5,1"}, {"--intensity-window", "5,1"}},
                     BadInput{"outside_crop", 1, {"--crop", "0,0:500,20"}, {"INVALID_OPTIONS"}},
-                    BadInput{"no_folder", 2, {"--out", "/proc/nowhere"}, {"--out", "/proc/nowhere"}},
                     BadInput{"parameter", 2, {"--set", "steps=4"}, {"steps"}}),
     [](const auto& info) { return info.param.name; });
+
+TEST_F(EndToEnd, NamesAResultFolderThatCannotBeMadeBeforeItWorks) {
+  folder.write("taken", "a file");
+  for (const std::string& out : {(folder / "taken").string(), std::string("/proc/nowhere")}) {
+    const Outcome outcome = run(job({"register", "--out", out}, {}));
+    EXPECT_EQ(outcome.exit_code, 2) << outcome.err;
+    EXPECT_THAT(outcome.err, HasSubstr("--out is '" + out));
+    EXPECT_THAT(outcome.err, testing::Not(HasSubstr("optimising")));
+  }
+}
 
 /// A daemon of the test's own, which may be killed and started again on the same data.
 class ServerTest : public EndToEnd {
