@@ -31,8 +31,8 @@ Daemon::Daemon(const DaemonSettings& settings, std::function<void(const std::str
     parts.launcher = std::move(made);
   }
   launcher_ = std::move(parts.launcher);
-  jobs_ = std::make_unique<JobManager>(*store_, *blobs_, *launcher_, clock_, ids_, settings.jobs, [this] { wake(); },
-                                       settings.log);
+  jobs_ = std::make_unique<JobManager>(
+      *store_, *blobs_, *launcher_, clock_, ids_, settings.jobs, [this] { wake(); }, settings.log);
   jobs_->recover();
   if (local) local->remove_stale_tokens();
   ListenAddress listen = settings.listen;

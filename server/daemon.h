@@ -41,7 +41,8 @@ struct DaemonParts {
 class Daemon {
  public:
   /// `on_broken` is called from another thread when the daemon cannot go on. Throws std::runtime_error or InvalidInput.
-  Daemon(const DaemonSettings& settings, std::function<void(const std::string& reason)> on_broken, DaemonParts parts = {});
+  Daemon(const DaemonSettings& settings, std::function<void(const std::string& reason)> on_broken,
+         DaemonParts parts = {});
   ~Daemon();
   Daemon(const Daemon&) = delete;
   Daemon& operator=(const Daemon&) = delete;

@@ -6,7 +6,10 @@ namespace saltus {
 
 template <int Dim, class T>
 BackwardMap<Dim, T>::BackwardMap(const Lattice<Dim>& points, const Lattice<Dim>& velocity_lattice, int time_steps)
-    : points_(points), lattice_(velocity_lattice), time_steps_(time_steps), position_(time_steps + 1),
+    : points_(points),
+      lattice_(velocity_lattice),
+      time_steps_(time_steps),
+      position_(time_steps + 1),
       predicted_(Dim * points.sites()) {
   for (int k = 0; k < time_steps; ++k) position_[k].resize(Dim * points.sites());
 }
@@ -56,7 +59,8 @@ Field<T> forward_map(const Lattice<Dim>& points, const Lattice<Dim>& lattice, co
   for (int k = 0; k < time_steps; ++k) {
     advance<Dim, T>(points, position.data(), position.data(), lattice, velocities[k].data(), dt, predicted.data());
     advance<Dim, T>(points, position.data(), position.data(), lattice, velocities[k].data(), dt / 2, position.data());
-    advance<Dim, T>(points, position.data(), predicted.data(), lattice, velocities[k + 1].data(), dt / 2, position.data());
+    advance<Dim, T>(points, position.data(), predicted.data(), lattice, velocities[k + 1].data(), dt / 2,
+                    position.data());
   }
   return position;
 }

@@ -60,8 +60,8 @@ template <int Dim, class T>
 struct CoadjointTransport<Dim, T>::Face {
   std::array<std::size_t, 2> beside;  ///< the two sites; equal at the lattice's end
   std::array<Index<Dim>, 2> index;
-  Square<Dim, T> F, G, dF;            ///< G = F^-T, dF = d_axis F
-  std::array<T, Dim> at;              ///< index coordinates of its position now
+  Square<Dim, T> F, G, dF;  ///< G = F^-T, dF = d_axis F
+  std::array<T, Dim> at;    ///< index coordinates of its position now
 
   Face(const CoadjointTransport& owner, int axis, const Index<Dim>& where, std::size_t site, const T* displacement) {
     beside = {site, site};
@@ -79,7 +79,8 @@ struct CoadjointTransport<Dim, T>::Face {
     }
     for (int a = 0; a < Dim; ++a) {
       const T moved = T(0.5) * (displacement[Dim * beside[0] + a] + displacement[Dim * beside[1] + a]);
-      at[a] = static_cast<T>(where[a] + (a == axis ? 0.5 : 0.0) + static_cast<double>(moved) / owner.lattice_.spacing[a]);
+      at[a] =
+          static_cast<T>(where[a] + (a == axis ? 0.5 : 0.0) + static_cast<double>(moved) / owner.lattice_.spacing[a]);
     }
   }
 
@@ -111,10 +112,13 @@ struct CoadjointTransport<Dim, T>::Face {
 };
 
 template <int Dim, class T>
-CoadjointTransport<Dim, T>::CoadjointTransport(const Lattice<Dim>& lattice, double unit, bool has_zeroth, bool has_first,
-                                               Evolution evolution)
-    : lattice_(lattice), unit_(evolution == Evolution::Exact ? static_cast<T>(unit) : T(0)), evolution_(evolution),
-      has_zeroth_(has_zeroth), has_first_(has_first) {
+CoadjointTransport<Dim, T>::CoadjointTransport(const Lattice<Dim>& lattice, double unit, bool has_zeroth,
+                                               bool has_first, Evolution evolution)
+    : lattice_(lattice),
+      unit_(evolution == Evolution::Exact ? static_cast<T>(unit) : T(0)),
+      evolution_(evolution),
+      has_zeroth_(has_zeroth),
+      has_first_(has_first) {
   std::size_t stride = 1;
   for (int axis = 0; axis < Dim; ++axis) {
     stride_[axis] = stride;
@@ -171,7 +175,8 @@ void CoadjointTransport<Dim, T>::push(const T* displacement, const T* zeroth, co
 }
 
 template <int Dim, class T>
-void CoadjointTransport<Dim, T>::push_faces(int axis, const T* displacement, const T* first, T* zeroth_out, T* first_out) {
+void CoadjointTransport<Dim, T>::push_faces(int axis, const T* displacement, const T* first, T* zeroth_out,
+                                            T* first_out) {
   // Only active faces cost anything: they are listed in the order of their sites.
   const std::size_t field = Dim * lattice_.sites();
   struct Active {
@@ -290,14 +295,16 @@ void CoadjointTransport<Dim, T>::face_adjoint(int axis, const T* displacement, c
 
       const Column<Dim, T> n = face.G * load<Dim, T>(first + Dim * site);
       const Column<Dim, T> s = unit_ * (face.dF.transpose() * n), pushed0 = face.G * s;
-      std::array<T, Dim> gradient = zeroth_cell.template pulled_back_gradient<Dim>(zeroth_out_dual, as_array<Dim, T>(pushed0));
+      std::array<T, Dim> gradient =
+          zeroth_cell.template pulled_back_gradient<Dim>(zeroth_out_dual, as_array<Dim, T>(pushed0));
       Square<Dim, T> F_dual = -pushed0 * s_dual.transpose() - n * pulled.transpose();
       for (int b = 0; b < Dim; ++b) {
         if (!exact && b != axis) continue;
         if (exact) F_dual(b, axis) += dual[b].dot(n);
         const Column<Dim, T> pushed = face.turned(*this, b, axis) * n;
-        const std::array<T, Dim> more = LinearCell<Dim, T>(lattice_, face.on(b))
-                                            .template pulled_back_gradient<Dim>(first_out_dual + b * field, as_array<Dim, T>(pushed));
+        const std::array<T, Dim> more =
+            LinearCell<Dim, T>(lattice_, face.on(b))
+                .template pulled_back_gradient<Dim>(first_out_dual + b * field, as_array<Dim, T>(pushed));
         for (int a = 0; a < Dim; ++a) gradient[a] += more[a];
       }
       for (int side = 0; side < 2; ++side)
@@ -308,7 +315,8 @@ void CoadjointTransport<Dim, T>::face_adjoint(int axis, const T* displacement, c
       for (int side = 0; side < 2; ++side) {
         const std::size_t beside = face.beside[side];
         add_to<Dim, T>(jacobian_dual_.data() + Dim * Dim * beside, Square<Dim, T>(T(0.5) * F_dual));
-        SideDifferences<Dim * Dim, Dim, T>(lattice_, face.index[side], beside, stride_[axis], axis, jacobian_.data(), T(1))
+        SideDifferences<Dim * Dim, Dim, T>(lattice_, face.index[side], beside, stride_[axis], axis, jacobian_.data(),
+                                           T(1))
             .adjoint(dF_dual.data(), beside, stride_[axis], T(1), jacobian_dual_.data());
       }
     });

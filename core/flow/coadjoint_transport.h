@@ -21,11 +21,12 @@ namespace saltus {
 ///
 /// and is spread with the transpose of linear interpolation, which carries |det F| by itself.
 ///
-/// F and d_c F are jump-aware differences of d at the sites (jump_aware_jacobian.h). At a face, position, F and d_c F are
-/// the means of the two sites beside it, each differentiated on its own side: a sheet moves with the mean of both sides,
-/// and not with the derivative of its own jump, which does not exist as the grid is refined.
+/// F and d_c F are jump-aware differences of d at the sites (jump_aware_jacobian.h). At a face, position, F and d_c F
+/// are the means of the two sites beside it, each differentiated on its own side: a sheet moves with the mean of both
+/// sides, and not with the derivative of its own jump, which does not exist as the grid is refined.
 ///
-/// That is evolution `exact`. With `per_order` each m_c only turns with G; with `carried` F is replaced by the identity.
+/// That is evolution `exact`. With `per_order` each m_c only turns with G; with `carried` F is replaced by the
+/// identity.
 ///
 /// Not for concurrent use; threads inside. Results do not depend on the number of threads.
 template <int Dim, class T>
@@ -43,8 +44,8 @@ class CoadjointTransport {
   void push_adjoint(const T* displacement, const T* zeroth, const T* first, const T* zeroth_out_dual,
                     const T* first_out_dual, T* displacement_dual, T* zeroth_dual, T* first_dual);
 
-  /// sum += scale * F^-1 field(phi(x0)) at the sites: the order-0 part of push_adjoint, for another dual field. Uses the
-  /// Jacobians of the last push or push_adjoint, which must have had the same displacement.
+  /// sum += scale * F^-1 field(phi(x0)) at the sites: the order-0 part of push_adjoint, for another dual field. Uses
+  /// the Jacobians of the last push or push_adjoint, which must have had the same displacement.
   void pull_back(const T* displacement, const T* field, T scale, T* sum);
 
  private:
@@ -53,7 +54,8 @@ class CoadjointTransport {
   Inverse inverse_jacobian(std::size_t site) const;
   void find_jacobians(const T* displacement);
   void push_faces(int axis, const T* displacement, const T* first, T* zeroth_out, T* first_out);
-  void zeroth_adjoint(const T* displacement, const T* zeroth, const T* dual_field, T* displacement_dual, T* zeroth_dual);
+  void zeroth_adjoint(const T* displacement, const T* zeroth, const T* dual_field, T* displacement_dual,
+                      T* zeroth_dual);
   void face_adjoint(int axis, const T* displacement, const T* first, const T* zeroth_out_dual, const T* first_out_dual,
                     T* displacement_dual, T* first_dual);
 

@@ -36,7 +36,8 @@ double add_divergence_penalty(const Lattice<Dim>& lattice, const T* velocity, do
       }
       T divergence = 0;
       for (int bits = 0; bits < corners; ++bits)
-        for (int axis = 0; axis < Dim; ++axis) divergence += slope[bits][axis] * velocity[Dim * (site + step[bits]) + axis];
+        for (int axis = 0; axis < Dim; ++axis)
+          divergence += slope[bits][axis] * velocity[Dim * (site + step[bits]) + axis];
       sum += static_cast<double>(divergence) * divergence;
       const T pull = weight * divergence;
       for (int bits = 0; bits < corners; ++bits)

@@ -29,8 +29,9 @@ GeodesicShooting<Dim, T>::GeodesicShooting(std::vector<MomentumScale<Dim, T>*> s
   for (MomentumScale<Dim, T>* scale : scales) {
     ScaleState state;
     state.scale = scale;
-    state.transport = std::make_unique<CoadjointTransport<Dim, T>>(
-        scale->lattice(), scale->first_order_unit(), has_zeroth(scale->options().orders), scale->has_first_order(), evolution);
+    state.transport = std::make_unique<CoadjointTransport<Dim, T>>(scale->lattice(), scale->first_order_unit(),
+                                                                   has_zeroth(scale->options().orders),
+                                                                   scale->has_first_order(), evolution);
     state.prolongation = std::make_unique<LatticeInterpolation<Dim, T>>(scale->lattice(), velocity_lattice, Dim);
     state.position.resize(time_steps);
     state.predicted.resize(time_steps + 1);
@@ -133,7 +134,8 @@ void GeodesicShooting<Dim, T>::adjoint(const std::vector<MomentumPointers<T>>& m
       zeroth_dual.resize(state.scale->field_size());
       first_dual.resize(first_order ? Dim * state.scale->field_size() : 0);
       state.prolongation->transpose(velocity_duals[k].data(), restricted.data());
-      state.scale->synthesise_transpose(restricted.data(), zeroth_dual.data(), first_order ? first_dual.data() : nullptr);
+      state.scale->synthesise_transpose(restricted.data(), zeroth_dual.data(),
+                                        first_order ? first_dual.data() : nullptr);
       if (k == 0) {
         if (gradient[s].zeroth) add_fields(zeroth_dual, gradient[s].zeroth);
         if (first_order) add_fields(first_dual, gradient[s].first);

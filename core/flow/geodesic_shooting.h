@@ -48,8 +48,8 @@ class GeodesicShooting {
   /// v(t_k), k = 0..time_steps, interleaved, mm per unit time.
   const std::vector<Field<T>>& velocities() const { return velocities_; }
 
-  /// Sum over scales of 1/2 (rho | K rho) of the transported momenta at every node of the last shoot. With one scale it is
-  /// the Hamiltonian and conserved; with several kernels each momentum goes its own way and it need not be.
+  /// Sum over scales of 1/2 (rho | K rho) of the transported momenta at every node of the last shoot. With one scale it
+  /// is the Hamiltonian and conserved; with several kernels each momentum goes its own way and it need not be.
   std::vector<double> hamiltonians(const std::vector<MomentumPointers<T>>& momenta);
 
   /// Adjoint of the last shoot. `velocity_duals` (dE/dv(t_k), modified) -> adds dE/dm to `gradient`; and adds to
@@ -63,9 +63,9 @@ class GeodesicShooting {
     MomentumScale<Dim, T>* scale;
     std::unique_ptr<CoadjointTransport<Dim, T>> transport;
     std::unique_ptr<LatticeInterpolation<Dim, T>> prolongation;
-    std::vector<Field<T>> position;   ///< displacement of the sites at node k = 0..N-1; [0] empty, meaning 0
-    std::vector<Field<T>> predicted;  ///< at node k = 1..N; [0] empty
-    Field<T> zeroth, first, velocity; ///< transported momenta and their velocity on the scale's lattice
+    std::vector<Field<T>> position;    ///< displacement of the sites at node k = 0..N-1; [0] empty, meaning 0
+    std::vector<Field<T>> predicted;   ///< at node k = 1..N; [0] empty
+    Field<T> zeroth, first, velocity;  ///< transported momenta and their velocity on the scale's lattice
   };
   void add_velocity(ScaleState& state, const T* zeroth, const T* first, Field<T>& velocity);
   void transported(ScaleState& state, const MomentumPointers<T>& momenta, int node);

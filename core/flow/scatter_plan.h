@@ -54,8 +54,8 @@ class ScatterPlan {
 
   LinearCell<Dim, T> cell(std::size_t point) const { return LinearCell<Dim, T>(target_, points_[point]); }
 
-  /// target[Channels * corner + c] += weight * value[c] for all points. `value(point, out)` fills out[Channels] and returns
-  /// whether there is anything to add. Called more than once for a few points, from several threads.
+  /// target[Channels * corner + c] += weight * value[c] for all points. `value(point, out)` fills out[Channels] and
+  /// returns whether there is anything to add. Called more than once for a few points, from several threads.
   template <int Channels, class Value>
   void add(Value&& value, T* target) const {
     const int planes = target_.size[Dim - 1];

@@ -46,7 +46,8 @@ std::vector<std::string> problems(const ImageGrid<Dim>& grid) {
     if (!std::isfinite(grid.origin[axis])) report("origin[", axis, "] is ", grid.origin[axis], "; it must be finite");
   }
   // Headers store single-precision direction cosines, so orthonormality is only asked for to 1e-3.
-  const double deviation = (grid.direction.transpose() * grid.direction - Matrix<Dim>::Identity()).cwiseAbs().maxCoeff();
+  const double deviation =
+      (grid.direction.transpose() * grid.direction - Matrix<Dim>::Identity()).cwiseAbs().maxCoeff();
   if (!(deviation <= 1e-3))
     report("direction deviates from orthonormal by ", deviation, "; its columns must be perpendicular unit vectors");
   return found;

@@ -25,8 +25,8 @@ using Index = std::array<int, Dim>;
 template <int Dim>
 struct ImageGrid {
   Index<Dim> size{};
-  Vector<Dim> spacing = Vector<Dim>::Ones();   ///< mm per voxel along each grid axis, > 0
-  Vector<Dim> origin = Vector<Dim>::Zero();    ///< world position of voxel (0,...,0), mm
+  Vector<Dim> spacing = Vector<Dim>::Ones();        ///< mm per voxel along each grid axis, > 0
+  Vector<Dim> origin = Vector<Dim>::Zero();         ///< world position of voxel (0,...,0), mm
   Matrix<Dim> direction = Matrix<Dim>::Identity();  ///< column j is the world direction of grid axis j, orthonormal
 
   std::size_t voxels() const;

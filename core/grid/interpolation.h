@@ -12,11 +12,11 @@ namespace saltus {
 /// the derivative across it is zero; so a sampled field is constant beyond its lattice.
 template <int Dim, class T>
 struct LinearCell {
-  std::size_t base;               ///< site of the lowest corner
-  Index<Dim> low;                 ///< its index
-  std::array<T, Dim> fraction;    ///< in [0,1]
+  std::size_t base;                   ///< site of the lowest corner
+  Index<Dim> low;                     ///< its index
+  std::array<T, Dim> fraction;        ///< in [0,1]
   std::array<std::size_t, Dim> step;  ///< site step to the upper corner along each axis, 0 where there is none
-  std::array<T, Dim> slope;       ///< d fraction / d index coordinate: 1 inside, 0 where clamped
+  std::array<T, Dim> slope;           ///< d fraction / d index coordinate: 1 inside, 0 where clamped
 
   /// `at`: index coordinates, in samples.
   LinearCell(const Lattice<Dim>& lattice, const std::array<T, Dim>& at) {
@@ -96,7 +96,8 @@ inline std::array<T, Dim> displaced(const Lattice<Dim>& from, const Index<Dim>& 
   std::array<T, Dim> at;
   for (int axis = 0; axis < Dim; ++axis) {
     // The site's own index coordinate in double: exact for sites that coincide, whatever T is.
-    const double site = (index[axis] * from.spacing[axis] + from.offset[axis] - lattice.offset[axis]) / lattice.spacing[axis];
+    const double site =
+        (index[axis] * from.spacing[axis] + from.offset[axis] - lattice.offset[axis]) / lattice.spacing[axis];
     at[axis] = static_cast<T>(site + static_cast<double>(mm[axis]) / lattice.spacing[axis]);
   }
   return at;

@@ -28,8 +28,9 @@ LatticeInterpolation<Dim, T>::LatticeInterpolation(const Lattice<Dim>& source, c
     const int last = source.size[axis] - 1;
     taps_[axis].resize(static_cast<std::size_t>(target.size[axis]));
     for (int i = 0; i < target.size[axis]; ++i) {
-      const double at = std::clamp(
-          (i * target.spacing[axis] + target.offset[axis] - source.offset[axis]) / source.spacing[axis], 0.0, double(last));
+      const double at =
+          std::clamp((i * target.spacing[axis] + target.offset[axis] - source.offset[axis]) / source.spacing[axis], 0.0,
+                     double(last));
       const int low = std::min(static_cast<int>(at), std::max(last - 1, 0));
       taps_[axis][static_cast<std::size_t>(i)] = {low, static_cast<T>(at - low)};
     }

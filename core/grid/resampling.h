@@ -20,8 +20,8 @@ class LatticeInterpolation {
 
  private:
   struct Tap {
-    int low;      ///< source index
-    T fraction;   ///< weight of low + 1
+    int low;     ///< source index
+    T fraction;  ///< weight of low + 1
   };
   void resize_axis(int axis, const Index<Dim>& size, const T* in, T* out) const;
   void transpose_axis(int axis, const Index<Dim>& size, const T* in, T* out) const;

@@ -65,10 +65,10 @@ void warp_adjoint(const FramedImage<Dim, T>& image, const Lattice<Dim>& points, 
     });
 }
 
-#define SALTUS_WARP(DIM, TYPE)                                                                                  \
-  template void warp<DIM, TYPE>(const FramedImage<DIM, TYPE>&, const Lattice<DIM>&, const TYPE*, TYPE*);        \
-  template void warp_adjoint<DIM, TYPE>(const FramedImage<DIM, TYPE>&, const Lattice<DIM>&, const TYPE*,        \
-                                        const TYPE*, TYPE*);
+#define SALTUS_WARP(DIM, TYPE)                                                                                        \
+  template void warp<DIM, TYPE>(const FramedImage<DIM, TYPE>&, const Lattice<DIM>&, const TYPE*, TYPE*);              \
+  template void warp_adjoint<DIM, TYPE>(const FramedImage<DIM, TYPE>&, const Lattice<DIM>&, const TYPE*, const TYPE*, \
+                                        TYPE*);
 SALTUS_WARP(2, float)
 SALTUS_WARP(3, float)
 SALTUS_WARP(2, double)

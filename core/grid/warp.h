@@ -1,7 +1,7 @@
 #pragma once
 
-#include "core/grid/volume.h"
 #include "core/grid/lattice.h"
+#include "core/grid/volume.h"
 
 namespace saltus {
 

@@ -15,11 +15,11 @@ class KernelProfile {
  public:
   virtual ~KernelProfile() = default;
   virtual std::string name() const = 0;
-  virtual double width() const = 0;                     ///< sigma, mm
-  virtual double support() const = 0;                   ///< |r| beyond which k0 is (taken as) 0, mm
-  virtual double value(double r) const = 0;             ///< k0(r)
-  virtual double first_integral(double r) const = 0;    ///< odd antiderivative of k0
-  virtual double second_integral(double r) const = 0;   ///< even antiderivative of first_integral
+  virtual double width() const = 0;                              ///< sigma, mm
+  virtual double support() const = 0;                            ///< |r| beyond which k0 is (taken as) 0, mm
+  virtual double value(double r) const = 0;                      ///< k0(r)
+  virtual double first_integral(double r) const = 0;             ///< odd antiderivative of k0
+  virtual double second_integral(double r) const = 0;            ///< even antiderivative of first_integral
   double mass() const { return 2 * first_integral(support()); }  ///< integral of k0, mm
 };
 

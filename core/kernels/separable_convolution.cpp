@@ -81,14 +81,18 @@ void convolve_axis(const Lattice<Dim>& lattice, int channels, int axis, const st
       T* target = out + (o * length + static_cast<std::size_t>(i)) * inner;
       for (std::size_t k = 0; k < inner; k += kBlock)
         accumulate_block(source + k, static_cast<std::ptrdiff_t>(inner), taps.data() + reach.first + radius,
-                         reach.last - reach.first + 1,
-                         static_cast<int>(std::min<std::size_t>(kBlock, inner - k)), combine, target + k);
+                         reach.last - reach.first + 1, static_cast<int>(std::min<std::size_t>(kBlock, inner - k)),
+                         combine, target + k);
     }
 }
 
-template void convolve_axis<2, float>(const Lattice<2>&, int, int, const std::vector<float>&, Combine, const float*, float*);
-template void convolve_axis<3, float>(const Lattice<3>&, int, int, const std::vector<float>&, Combine, const float*, float*);
-template void convolve_axis<2, double>(const Lattice<2>&, int, int, const std::vector<double>&, Combine, const double*, double*);
-template void convolve_axis<3, double>(const Lattice<3>&, int, int, const std::vector<double>&, Combine, const double*, double*);
+template void convolve_axis<2, float>(const Lattice<2>&, int, int, const std::vector<float>&, Combine, const float*,
+                                      float*);
+template void convolve_axis<3, float>(const Lattice<3>&, int, int, const std::vector<float>&, Combine, const float*,
+                                      float*);
+template void convolve_axis<2, double>(const Lattice<2>&, int, int, const std::vector<double>&, Combine, const double*,
+                                       double*);
+template void convolve_axis<3, double>(const Lattice<3>&, int, int, const std::vector<double>&, Combine, const double*,
+                                       double*);
 
 }  // namespace saltus

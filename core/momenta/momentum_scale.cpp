@@ -46,11 +46,11 @@ void MomentumScale<Dim, T>::synthesise(const T* zeroth, const T* first, T* veloc
   const T* sum = zeroth;
   for (int axis = Dim - 1; axis >= 0; --axis) {
     T* out = axis % 2 == 0 ? velocity : scratch_[0].data();
-    if (sum)
-      convolve_axis<Dim, T>(lattice(), Dim, axis, taps_[axis].value, Combine::Replace, sum, out);
+    if (sum) convolve_axis<Dim, T>(lattice(), Dim, axis, taps_[axis].value, Combine::Replace, sum, out);
     if (first) {
       const T* smoothed = smooth_axes_above(axis, first + static_cast<std::size_t>(axis) * field_size());
-      convolve_axis<Dim, T>(lattice(), Dim, axis, taps_[axis].slope, sum ? Combine::Add : Combine::Replace, smoothed, out);
+      convolve_axis<Dim, T>(lattice(), Dim, axis, taps_[axis].slope, sum ? Combine::Add : Combine::Replace, smoothed,
+                            out);
     } else if (!sum) {
       std::fill(out, out + field_size(), T(0));
     }

@@ -155,7 +155,8 @@ MinimiseSummary minimise(Objective<T>& objective, const MinimiseOptions& options
 
   double sparse = 0;
   const Evaluation start = total(x, gradient, preconditioned, sparse);
-  if (!start.is_valid) throw NumericalFailure("the energy at the start is not finite; check the images for NaN and Inf");
+  if (!start.is_valid)
+    throw NumericalFailure("the energy at the start is not finite; check the images for NaN and Inf");
   double energy = summary.energy_before = summary.energy_after = start.value;
   std::vector<double> energies = {energy};
   double first_optimality = 0;

@@ -33,9 +33,9 @@ struct MinimiseSummary {
 /// Minimises from x, in place. Limited-memory quasi-Newton in the metric of the objective's preconditioner, with the
 /// orthant-wise treatment of the sparsity term (Andrew and Gao, 2007) carried from signs to groups: groups at zero stay
 /// there while their gradient is shorter than the weight, and a group that would turn against its direction becomes
-/// exactly zero. Backtracking line search; the energy never rises on an accepted step; a non-finite energy shortens the step.
-/// `accepted` is called after each accepted step and says whether to go on.
-/// Throws NumericalFailure when the energy at the start is not finite.
+/// exactly zero. Backtracking line search; the energy never rises on an accepted step; a non-finite energy shortens the
+/// step. `accepted` is called after each accepted step and says whether to go on. Throws NumericalFailure when the
+/// energy at the start is not finite.
 template <class T>
 MinimiseSummary minimise(Objective<T>& objective, const MinimiseOptions& options, std::vector<T>& x,
                          const std::function<bool(const MinimiseStep&)>& accepted);

@@ -23,7 +23,7 @@ AffineMap<Dim> frame_to_index(const RegistrationInput<Dim>& input) {
 
 template <int Dim>
 Field<float> write_fields(const RegistrationInput<Dim>& input, const Lattice<Dim>& lattice,
-                  const std::vector<Field<float>>& velocities, RegistrationResult<Dim>& result) {
+                          const std::vector<Field<float>>& velocities, RegistrationResult<Dim>& result) {
   const ImageGrid<Dim>&fixed = input.fixed.grid, &moving = input.moving.grid;
   const Lattice<Dim> fixed_lattice = lattice_of(fixed), moving_lattice = lattice_of(moving);
   const int time_steps = static_cast<int>(velocities.size()) - 1;
@@ -93,22 +93,25 @@ Field<float> write_fields(const RegistrationInput<Dim>& input, const Lattice<Dim
       std::size_t stride = 1;
       for (int axis = 0; axis < Dim; ++axis) {
         const int extent = fixed_lattice.size[axis];
-        const std::size_t low = index[axis] > 0 ? site - stride : site, high = index[axis] + 1 < extent ? site + stride : site;
+        const std::size_t low = index[axis] > 0 ? site - stride : site,
+                          high = index[axis] + 1 < extent ? site + stride : site;
         const double span = fixed_lattice.spacing[axis] * ((high - low) / stride);
         for (int c = 0; c < Dim; ++c)
           along_axes(c, axis) =
               span > 0 ? (result.displacement.component(c)[high] - result.displacement.component(c)[low]) / span : 0.0;
         stride *= static_cast<std::size_t>(extent);
       }
-      result.jacobian.samples[site] = static_cast<float>(
-          (Matrix<Dim>::Identity() + along_axes * fixed.direction.transpose()).determinant());
+      result.jacobian.samples[site] =
+          static_cast<float>((Matrix<Dim>::Identity() + along_axes * fixed.direction.transpose()).determinant());
     });
   result.summary.min_jacobian = *std::min_element(result.jacobian.samples.begin(), result.jacobian.samples.end());
   result.summary.share_jacobian_not_positive =
       static_cast<double>(std::count_if(result.jacobian.samples.begin(), result.jacobian.samples.end(),
-                                        [](float j) { return j <= 0; })) / static_cast<double>(sites);
+                                        [](float j) { return j <= 0; })) /
+      static_cast<double>(sites);
 
-  FramedImage<Dim, float> image{moving_lattice, input.moving.samples, frame_to_index(input).linear, frame_to_index(input).offset};
+  FramedImage<Dim, float> image{moving_lattice, input.moving.samples, frame_to_index(input).linear,
+                                frame_to_index(input).offset};
   result.warped = Volume<Dim>(fixed);
   warp<Dim, float>(image, fixed_lattice, backward.data(), result.warped.samples.data());
   return backward;
@@ -158,8 +161,9 @@ void summarise_similarity(const MatchingLevel<Dim, float>& full, const Registrat
                           const Field<float>& backward, RegistrationResult<Dim>& result) {
   const Lattice<Dim>& lattice = full.lattice;
   const std::size_t sites = lattice.sites();
-  const auto similarity = make_similarity<Dim, float>(options.similarity, lattice, options.similarity_parameters,
-                                                      *std::min_element(lattice.spacing.begin(), lattice.spacing.end()));
+  const auto similarity =
+      make_similarity<Dim, float>(options.similarity, lattice, options.similarity_parameters,
+                                  *std::min_element(lattice.spacing.begin(), lattice.spacing.end()));
   const auto evaluate = [&](const Field<float>& displacement) {
     std::vector<float> warped(sites), gradient(sites), weights = full.fixed_weights;
     warp<Dim, float>(full.moving, lattice, displacement.data(), warped.data());
@@ -176,13 +180,13 @@ void summarise_similarity(const MatchingLevel<Dim, float>& full, const Registrat
   result.summary.similarity_after = evaluate(backward);
 }
 
-#define SALTUS_FINISH(DIM)                                                                                           \
-  template AffineMap<DIM> frame_to_index(const RegistrationInput<DIM>&);                                             \
-  template Field<float> write_fields(const RegistrationInput<DIM>&, const Lattice<DIM>&,                             \
-                                     const std::vector<Field<float>>&, RegistrationResult<DIM>&);                    \
-  template void collect_momenta(const std::vector<MomentumScale<DIM, float>*>&, const std::vector<float>&,           \
-                                const ImageGrid<DIM>&, RegistrationResult<DIM>&);                                    \
-  template void summarise_similarity(const MatchingLevel<DIM, float>&, const RegistrationOptions&,                   \
+#define SALTUS_FINISH(DIM)                                                                                 \
+  template AffineMap<DIM> frame_to_index(const RegistrationInput<DIM>&);                                   \
+  template Field<float> write_fields(const RegistrationInput<DIM>&, const Lattice<DIM>&,                   \
+                                     const std::vector<Field<float>>&, RegistrationResult<DIM>&);          \
+  template void collect_momenta(const std::vector<MomentumScale<DIM, float>*>&, const std::vector<float>&, \
+                                const ImageGrid<DIM>&, RegistrationResult<DIM>&);                          \
+  template void summarise_similarity(const MatchingLevel<DIM, float>&, const RegistrationOptions&,         \
                                      const Field<float>&, RegistrationResult<DIM>&);
 SALTUS_FINISH(2)
 SALTUS_FINISH(3)

@@ -16,7 +16,7 @@ AffineMap<Dim> frame_to_index(const RegistrationInput<Dim>& input);
 /// Returns psi(x) - x in the frame, on the fixed image's lattice.
 template <int Dim>
 Field<float> write_fields(const RegistrationInput<Dim>& input, const Lattice<Dim>& lattice,
-                  const std::vector<Field<float>>& velocities, RegistrationResult<Dim>& result);
+                          const std::vector<Field<float>>& velocities, RegistrationResult<Dim>& result);
 
 /// Fills the initial momenta and the share of active first-order sites.
 template <int Dim>

@@ -11,8 +11,11 @@ template <int Dim, class T>
 MatchingObjective<Dim, T>::MatchingObjective(std::vector<MomentumScale<Dim, T>*> scales,
                                              const MatchingLevel<Dim, T>& level,
                                              std::unique_ptr<Similarity<Dim, T>> similarity, double sparsity)
-    : scales_(scales), level_(level), similarity_(std::move(similarity)),
-      shooting_(scales, level.lattice, level.time_steps, level.evolution), map_(level.lattice, level.lattice, level.time_steps) {
+    : scales_(scales),
+      level_(level),
+      similarity_(std::move(similarity)),
+      shooting_(scales, level.lattice, level.time_steps, level.evolution),
+      map_(level.lattice, level.lattice, level.time_steps) {
   for (const MomentumScale<Dim, T>* scale : scales_) {
     if (has_zeroth(scale->options().orders)) size_ += scale->field_size();
     if (!scale->has_first_order()) continue;
@@ -109,15 +112,16 @@ Evaluation MatchingObjective<Dim, T>::evaluate(const std::vector<T>& x, std::vec
     for (std::size_t i = 0; i < level_.fixed_weights.size(); ++i) weights_[i] *= level_.fixed_weights[i];
   }
   const T* weights = weights_.empty() ? nullptr : weights_.data();
-  parts_.similarity = level_.similarity_weight *
-                      similarity_->evaluate(level_.fixed.data(), warped_.data(), weights, image_dual_.data(),
-                                            moving_weights ? weight_dual_.data() : nullptr);
+  parts_.similarity =
+      level_.similarity_weight * similarity_->evaluate(level_.fixed.data(), warped_.data(), weights, image_dual_.data(),
+                                                       moving_weights ? weight_dual_.data() : nullptr);
   if (!std::isfinite(parts_.similarity)) return {parts_.similarity, false};
 
   const T weight = static_cast<T>(level_.similarity_weight);
   for (T& dual : image_dual_) dual *= weight;
   std::fill(displacement_dual_.begin(), displacement_dual_.end(), T(0));
-  warp_adjoint<Dim, T>(level_.moving, level_.lattice, displacement.data(), image_dual_.data(), displacement_dual_.data());
+  warp_adjoint<Dim, T>(level_.moving, level_.lattice, displacement.data(), image_dual_.data(),
+                       displacement_dual_.data());
   if (moving_weights) {
     for (std::size_t i = 0; i < weight_dual_.size(); ++i)
       weight_dual_[i] *= weight * (level_.fixed_weights.empty() ? T(1) : level_.fixed_weights[i]);
@@ -128,8 +132,9 @@ Evaluation MatchingObjective<Dim, T>::evaluate(const std::vector<T>& x, std::vec
   if (level_.divergence_weight > 0)
     for (int k = 0; k <= level_.time_steps; ++k) {
       const double share = (k == 0 || k == level_.time_steps ? 0.5 : 1.0) / level_.time_steps;  // trapezoidal rule
-      parts_.regularisation += add_divergence_penalty<Dim, T>(level_.lattice, shooting_.velocities()[k].data(),
-                                                              level_.divergence_weight * share, velocity_duals_[k].data());
+      parts_.regularisation +=
+          add_divergence_penalty<Dim, T>(level_.lattice, shooting_.velocities()[k].data(),
+                                         level_.divergence_weight * share, velocity_duals_[k].data());
     }
   map_.adjoint(shooting_.velocities(), displacement_dual_, velocity_duals_);
   shooting_.adjoint(momenta, velocity_duals_, gradients, scaled);

@@ -20,19 +20,20 @@ struct EnergyParts {
 /// Everything of one pyramid level that does not change while it is optimised.
 template <int Dim, class T>
 struct MatchingLevel {
-  Lattice<Dim> lattice;                    ///< of the fixed image at this level, and of the velocities
+  Lattice<Dim> lattice;  ///< of the fixed image at this level, and of the velocities
   std::vector<T> fixed;
-  std::vector<T> fixed_weights;            ///< empty: 1 everywhere
+  std::vector<T> fixed_weights;  ///< empty: 1 everywhere
   FramedImage<Dim, T> moving;
-  FramedImage<Dim, T> moving_weights;      ///< no samples: 1 everywhere
+  FramedImage<Dim, T> moving_weights;  ///< no samples: 1 everywhere
   double similarity_weight = 1;
-  double divergence_weight = 0;            ///< of 1/2 integral |div v|^2 over space and time
+  double divergence_weight = 0;  ///< of 1/2 integral |div v|^2 over space and time
   int time_steps = 4;
   Evolution evolution = Evolution::Exact;
 };
 
-/// E(m) = weight * E_S(I0 o psi_1, I1) + sum over scales and orders of 1/2 ||v_i(0)||^2 + divergence penalty, with its exact discrete gradient.
-/// x holds, scale by scale, the order-0 field and then the Dim order-1 fields, as far as a scale has them.
+/// E(m) = weight * E_S(I0 o psi_1, I1) + sum over scales and orders of 1/2 ||v_i(0)||^2 + divergence penalty, with its
+/// exact discrete gradient. x holds, scale by scale, the order-0 field and then the Dim order-1 fields, as far as a
+/// scale has them.
 template <int Dim, class T>
 class MatchingObjective final : public Objective<T> {
  public:

@@ -7,7 +7,8 @@
 namespace saltus {
 
 template <int Dim>
-std::size_t memory_estimate(const ImageGrid<Dim>& fixed, const ImageGrid<Dim>& moving, const RegistrationOptions& asked) {
+std::size_t memory_estimate(const ImageGrid<Dim>& fixed, const ImageGrid<Dim>& moving,
+                            const RegistrationOptions& asked) {
   const Lattice<Dim> image = lattice_of(fixed);
   const RegistrationOptions options = resolved(asked, image);
   const double full = static_cast<double>(fixed.voxels()), full_moving = static_cast<double>(moving.voxels());
@@ -16,10 +17,10 @@ std::size_t memory_estimate(const ImageGrid<Dim>& fixed, const ImageGrid<Dim>& m
 
   // What register_images holds on its finest level: see the members of MatchingObjective and of what it owns.
   const double level = static_cast<double>(level_lattice(image, options.pyramid.finest_level).sites());
-  const double scatter = Dim * scalar + 3 * scalar;  // a ScatterPlan: point, plane and order of each site
-  double level_bytes = level * (2 * nodes * vector                 // velocities and their duals
-                                + (nodes + 5) * vector + scatter   // backward map and its adjoint's work
-                                + 6 * scalar + 12 * scalar);       // images, weights, duals; sums of the similarity
+  const double scatter = Dim * scalar + 3 * scalar;               // a ScatterPlan: point, plane and order of each site
+  double level_bytes = level * (2 * nodes * vector                // velocities and their duals
+                                + (nodes + 5) * vector + scatter  // backward map and its adjoint's work
+                                + 6 * scalar + 12 * scalar);      // images, weights, duals; sums of the similarity
   const RegistrationOptions::Momenta& m = options.momenta;
   double unknowns = 0;
   for (int q = m.finest_scale; q < m.finest_scale + m.scales; ++q) {
@@ -39,7 +40,8 @@ std::size_t memory_estimate(const ImageGrid<Dim>& fixed, const ImageGrid<Dim>& m
   // At the end: fields, warped image, Jacobian, the following of both maps, and the similarity at full resolution.
   const double end_bytes = full * ((nodes + 4) * vector + 22 * scalar) + full_moving * (vector + 8);
   const double input_bytes = 3 * scalar * (full + full_moving);
-  return static_cast<std::size_t>(input_bytes + std::max(level_bytes, end_bytes + level * 2 * nodes * vector)) + (64u << 20);
+  return static_cast<std::size_t>(input_bytes + std::max(level_bytes, end_bytes + level * 2 * nodes * vector)) +
+         (64u << 20);
 }
 
 template std::size_t memory_estimate(const ImageGrid<2>&, const ImageGrid<2>&, const RegistrationOptions&);

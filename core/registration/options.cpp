@@ -64,7 +64,10 @@ Parameter real(std::string name, std::string unit, double low, Lower bound, doub
                Access access) {
   std::string range = (bound == Lower::Exclusive ? "> " : ">= ") + format(low);
   if (std::isfinite(high)) range += ", <= " + format(high);
-  return {std::move(name), std::move(unit), range, std::move(description),
+  return {std::move(name),
+          std::move(unit),
+          range,
+          std::move(description),
           [access](const RegistrationOptions& o) { return format(access(const_cast<RegistrationOptions&>(o))); },
           [access](RegistrationOptions& o, std::string_view text) {
             double value = 0;
@@ -81,24 +84,31 @@ Parameter real(std::string name, std::string unit, double low, Lower bound, doub
 
 template <class Access>
 Parameter integer(std::string name, std::string unit, int low, int high, std::string description, Access access) {
-  return {std::move(name), std::move(unit), std::to_string(low) + " to " + std::to_string(high), std::move(description),
-          [access](const RegistrationOptions& o) { return std::to_string(access(const_cast<RegistrationOptions&>(o))); },
-          [access](RegistrationOptions& o, std::string_view text) {
-            int value = 0;
-            const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
-            if (error != std::errc() || end != text.data() + text.size()) return false;
-            access(o) = value;
-            return true;
-          },
-          [=](const RegistrationOptions& o) {
-            const int value = access(const_cast<RegistrationOptions&>(o));
-            return value >= low && value <= high;
-          }};
+  return {
+      std::move(name),
+      std::move(unit),
+      std::to_string(low) + " to " + std::to_string(high),
+      std::move(description),
+      [access](const RegistrationOptions& o) { return std::to_string(access(const_cast<RegistrationOptions&>(o))); },
+      [access](RegistrationOptions& o, std::string_view text) {
+        int value = 0;
+        const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
+        if (error != std::errc() || end != text.data() + text.size()) return false;
+        access(o) = value;
+        return true;
+      },
+      [=](const RegistrationOptions& o) {
+        const int value = access(const_cast<RegistrationOptions&>(o));
+        return value >= low && value <= high;
+      }};
 }
 
 template <class Access>
 Parameter boolean(std::string name, std::string description, Access access) {
-  return {std::move(name), "", "true|false", std::move(description),
+  return {std::move(name),
+          "",
+          "true|false",
+          std::move(description),
           [access](const RegistrationOptions& o) {
             return std::string(access(const_cast<RegistrationOptions&>(o)) ? "true" : "false");
           },
@@ -114,8 +124,13 @@ template <class Value, class Access>
 Parameter choice(std::string name, const Names<Value>& names, std::string description, Access access) {
   std::string range;
   for (const auto& [value, text] : names) range += (range.empty() ? "" : "|") + std::string(text);
-  return {std::move(name), "", range, std::move(description),
-          [access, names](const RegistrationOptions& o) { return name_of(names, access(const_cast<RegistrationOptions&>(o))); },
+  return {std::move(name),
+          "",
+          range,
+          std::move(description),
+          [access, names](const RegistrationOptions& o) {
+            return name_of(names, access(const_cast<RegistrationOptions&>(o)));
+          },
           [access, names](RegistrationOptions& o, std::string_view text) {
             for (const auto& [value, candidate] : names) {
               if (text != candidate) continue;
@@ -131,44 +146,70 @@ const std::vector<Parameter>& parameters() {
   using O = RegistrationOptions;
   constexpr double inf = std::numeric_limits<double>::infinity();
   static const std::vector<Parameter> table = {
-      integer("levels", "", 0, 8, "number of image pyramid levels; 0: by the size of the image", [](O& o) -> auto& { return o.pyramid.levels; }),
-      integer("finest_level", "", -1, 4, "0: the optimisation ends at full resolution, 1: at half, ...; -1: by preset",
-              [](O& o) -> auto& { return o.pyramid.finest_level; }),
-      real("width_voxels", "voxels of the scale", 1, Lower::Inclusive, 64, "kernel width sigma of every scale",
-           [](O& o) -> auto& { return o.momenta.width_voxels; }),
-      integer("scales", "", 0, 8, "number of order-0 scales, each twice as wide as the next finer; 0: one a level",
-              [](O& o) -> auto& { return o.momenta.scales; }),
-      integer("finest_scale", "", -1, 7, "voxel of the finest order-0 scale is 2^this reference voxels; -1: the finest level's",
-              [](O& o) -> auto& { return o.momenta.finest_scale; }),
-      real("regularisation", "per mm^2", 0, Lower::Exclusive, inf, "weight of the order-0 part of the energy",
-           [](O& o) -> auto& { return o.momenta.regularisation; }),
-      integer("first_order_scales", "", 0, 8, "number of order-1 scales; 0 leaves order 1 out",
-              [](O& o) -> auto& { return o.momenta.first_order_scales; }),
-      integer("first_order_finest_scale", "", -1, 7, "as finest_scale, for order 1",
-              [](O& o) -> auto& { return o.momenta.first_order_finest_scale; }),
-      real("first_order_regularisation", "per mm^2", 0, Lower::Exclusive, inf,
-           "weight of the order-1 part of the energy", [](O& o) -> auto& { return o.momenta.first_order_regularisation; }),
-      real("sparsity", "per mm", 0, Lower::Inclusive, inf, "lambda of the group L1 norm on first-order momenta, as velocities",
-           [](O& o) -> auto& { return o.momenta.sparsity; }),
-      boolean("shear_only", "leave out the component of m_i along axis i, so that a jump can only slide",
-              [](O& o) -> auto& { return o.momenta.shear_only; }),
-      choice("evolution", kEvolutions, "how momenta evolve: the geodesic of the metric, order by order, or without turning",
-             [](O& o) -> auto& { return o.flow.evolution; }),
-      integer("time_steps", "", 1, 64, "steps of the flow over [0,1]", [](O& o) -> auto& { return o.flow.time_steps; }),
-      real("divergence_weight", "", 0, Lower::Inclusive, inf,
-           "weight of the divergence of the velocity, which leaves sliding free and holds back opening and overlap",
-           [](O& o) -> auto& { return o.flow.divergence_weight; }),
-      real("similarity_weight", "", 0, Lower::Exclusive, inf, "multiplies the similarity",
-           [](O& o) -> auto& { return o.similarity_parameters.weight; }),
-      real("lncc_radius_voxels", "voxels of the level", 0, Lower::Exclusive, 64, "half width of the window of lncc",
-           [](O& o) -> auto& { return o.similarity_parameters.lncc_radius_voxels; }),
-      real("lncc_floor", "intensity range", 0, Lower::Exclusive, 1, "standard deviation below which a window is flat",
-           [](O& o) -> auto& { return o.similarity_parameters.lncc_floor; }),
-      integer("max_iterations", "", 0, 10000, "iterations on each level",
-              [](O& o) -> auto& { return o.optimisation.max_iterations; }),
-      real("tolerance", "", 0, Lower::Inclusive, 1, "a level ends when five iterations give less than this share of its decrease",
-           [](O& o) -> auto& { return o.optimisation.tolerance; }),
-      integer("history", "", 1, 50, "pairs that L-BFGS keeps", [](O& o) -> auto& { return o.optimisation.history; }),
+      integer(
+          "levels", "", 0, 8, "number of image pyramid levels; 0: by the size of the image",
+          [](O & o) -> auto& { return o.pyramid.levels; }),
+      integer(
+          "finest_level", "", -1, 4, "0: the optimisation ends at full resolution, 1: at half, ...; -1: by preset",
+          [](O & o) -> auto& { return o.pyramid.finest_level; }),
+      real(
+          "width_voxels", "voxels of the scale", 1, Lower::Inclusive, 64, "kernel width sigma of every scale",
+          [](O & o) -> auto& { return o.momenta.width_voxels; }),
+      integer(
+          "scales", "", 0, 8, "number of order-0 scales, each twice as wide as the next finer; 0: one a level",
+          [](O & o) -> auto& { return o.momenta.scales; }),
+      integer(
+          "finest_scale", "", -1, 7,
+          "voxel of the finest order-0 scale is 2^this reference voxels; -1: the finest level's",
+          [](O & o) -> auto& { return o.momenta.finest_scale; }),
+      real(
+          "regularisation", "per mm^2", 0, Lower::Exclusive, inf, "weight of the order-0 part of the energy",
+          [](O & o) -> auto& { return o.momenta.regularisation; }),
+      integer(
+          "first_order_scales", "", 0, 8, "number of order-1 scales; 0 leaves order 1 out",
+          [](O & o) -> auto& { return o.momenta.first_order_scales; }),
+      integer(
+          "first_order_finest_scale", "", -1, 7, "as finest_scale, for order 1",
+          [](O & o) -> auto& { return o.momenta.first_order_finest_scale; }),
+      real(
+          "first_order_regularisation", "per mm^2", 0, Lower::Exclusive, inf,
+          "weight of the order-1 part of the energy",
+          [](O & o) -> auto& { return o.momenta.first_order_regularisation; }),
+      real(
+          "sparsity", "per mm", 0, Lower::Inclusive, inf,
+          "lambda of the group L1 norm on first-order momenta, as velocities",
+          [](O & o) -> auto& { return o.momenta.sparsity; }),
+      boolean(
+          "shear_only", "leave out the component of m_i along axis i, so that a jump can only slide",
+          [](O & o) -> auto& { return o.momenta.shear_only; }),
+      choice(
+          "evolution", kEvolutions,
+          "how momenta evolve: the geodesic of the metric, order by order, or without turning",
+          [](O & o) -> auto& { return o.flow.evolution; }),
+      integer(
+          "time_steps", "", 1, 64, "steps of the flow over [0,1]", [](O & o) -> auto& { return o.flow.time_steps; }),
+      real(
+          "divergence_weight", "", 0, Lower::Inclusive, inf,
+          "weight of the divergence of the velocity, which leaves sliding free and holds back opening and overlap",
+          [](O & o) -> auto& { return o.flow.divergence_weight; }),
+      real(
+          "similarity_weight", "", 0, Lower::Exclusive, inf, "multiplies the similarity",
+          [](O & o) -> auto& { return o.similarity_parameters.weight; }),
+      real(
+          "lncc_radius_voxels", "voxels of the level", 0, Lower::Exclusive, 64, "half width of the window of lncc",
+          [](O & o) -> auto& { return o.similarity_parameters.lncc_radius_voxels; }),
+      real(
+          "lncc_floor", "intensity range", 0, Lower::Exclusive, 1, "standard deviation below which a window is flat",
+          [](O & o) -> auto& { return o.similarity_parameters.lncc_floor; }),
+      integer(
+          "max_iterations", "", 0, 10000, "iterations on each level",
+          [](O & o) -> auto& { return o.optimisation.max_iterations; }),
+      real(
+          "tolerance", "", 0, Lower::Inclusive, 1,
+          "a level ends when five iterations give less than this share of its decrease",
+          [](O & o) -> auto& { return o.optimisation.tolerance; }),
+      integer(
+          "history", "", 1, 50, "pairs that L-BFGS keeps", [](O & o) -> auto& { return o.optimisation.history; }),
   };
   return table;
 }
@@ -204,7 +245,8 @@ void set_parameter(RegistrationOptions& options, std::string_view name, std::str
 std::vector<std::string> problems(const RegistrationOptions& options) {
   std::vector<std::string> found;
   for (const Parameter& p : parameters())
-    if (!p.is_valid(options)) found.push_back("parameter " + p.name + " is " + p.get(options) + "; it must be " + p.range);
+    if (!p.is_valid(options))
+      found.push_back("parameter " + p.name + " is " + p.get(options) + "; it must be " + p.range);
   if (options.pyramid.levels > 0 && options.pyramid.finest_level >= options.pyramid.levels)
     found.push_back("parameter finest_level is " + std::to_string(options.pyramid.finest_level) +
                     "; it must be less than levels, which is " + std::to_string(options.pyramid.levels));

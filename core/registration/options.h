@@ -24,20 +24,20 @@ struct RegistrationOptions {
   struct Pyramid {
     int levels = 0;         ///< image levels, the coarsest 2^(levels-1) times the reference spacing; 0: until the
                             ///< largest axis has fewer than 32 samples
-    int finest_level = -1;  ///< 0: the optimisation ends at full resolution, 1: at half, ...; -1: full resolution in 2-D,
-                            ///< in 3-D by preset (fast 2, balanced 1, accurate 0)
+    int finest_level = -1;  ///< 0: the optimisation ends at full resolution, 1: at half, ...; -1: full resolution in
+                            ///< 2-D, in 3-D by preset (fast 2, balanced 1, accurate 0)
   } pyramid;
 
   struct Momenta {
-    double width_voxels = 6;          ///< kernel width sigma, in reference voxels of each momentum scale
-    int scales = 0;         ///< number of order-0 scales, each twice as wide as the next; 0: one a level
-    int finest_scale = -1;  ///< q: the finest order-0 scale has 2^q reference voxels; -1: that of the finest level
-    double regularisation = 0.01;     ///< weight of 1/2 ||v_0||^2, per mm^2
-    int first_order_scales = 0;        ///< number of order-1 scales; 0 leaves order 1 out
-    int first_order_finest_scale = -1;  ///< as finest_scale, for order 1
+    double width_voxels = 6;  ///< kernel width sigma, in reference voxels of each momentum scale
+    int scales = 0;           ///< number of order-0 scales, each twice as wide as the next; 0: one a level
+    int finest_scale = -1;    ///< q: the finest order-0 scale has 2^q reference voxels; -1: that of the finest level
+    double regularisation = 0.01;              ///< weight of 1/2 ||v_0||^2, per mm^2
+    int first_order_scales = 0;                ///< number of order-1 scales; 0 leaves order 1 out
+    int first_order_finest_scale = -1;         ///< as finest_scale, for order 1
     double first_order_regularisation = 0.01;  ///< weight of 1/2 ||v_i||^2, per mm^2
-    double sparsity = 0;              ///< lambda of the group L1 on a_1 m_i (a velocity), per mm
-    bool shear_only = false;          ///< drop component i of m_i, so that a jump can only slide
+    double sparsity = 0;                       ///< lambda of the group L1 on a_1 m_i (a velocity), per mm
+    bool shear_only = false;                   ///< drop component i of m_i, so that a jump can only slide
   } momenta;
 
   struct Flow {
@@ -49,9 +49,9 @@ struct RegistrationOptions {
   SimilarityOptions similarity_parameters;
 
   struct Optimisation {
-    int max_iterations = 60;   ///< per level
-    double tolerance = 1e-3;   ///< a level ends when five iterations give less than this share of its total decrease
-    int history = 6;           ///< pairs kept by L-BFGS
+    int max_iterations = 60;  ///< per level
+    double tolerance = 1e-3;  ///< a level ends when five iterations give less than this share of its total decrease
+    int history = 6;          ///< pairs kept by L-BFGS
   } optimisation;
 
   int threads = 0;  ///< 0: all that the process may use

@@ -8,11 +8,11 @@ namespace saltus {
 struct Progress {
   int level = 0;
   int levels = 0;
-  int iteration = 0;       ///< accepted iterations on this level
-  int max_iterations = 0;  ///< of this level
-  double energy = 0;       ///< of this level, the last accepted
-  double similarity = 0;   ///< its similarity part
-  double fraction = 0;     ///< of the expected work, in [0,1]
+  int iteration = 0;         ///< accepted iterations on this level
+  int max_iterations = 0;    ///< of this level
+  double energy = 0;         ///< of this level, the last accepted
+  double similarity = 0;     ///< its similarity part
+  double fraction = 0;       ///< of the expected work, in [0,1]
   double seconds_left = -1;  ///< estimate; -1 while unknown
 };
 

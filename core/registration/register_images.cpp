@@ -38,9 +38,10 @@ void check_volume(const char* what, const Volume<Dim>& volume) {
   if (volume.grid.voxels() == 1)
     throw InvalidInput(std::string(what) + " image has a single voxel; there is nothing to register");
   if (volume.samples.size() != volume.grid.voxels())
-    throw InvalidInput(std::string(what) + " image has " + std::to_string(volume.samples.size()) + " samples; its grid needs " +
-                       std::to_string(volume.grid.voxels()));
-  const auto bad = std::find_if(volume.samples.begin(), volume.samples.end(), [](float v) { return !std::isfinite(v); });
+    throw InvalidInput(std::string(what) + " image has " + std::to_string(volume.samples.size()) +
+                       " samples; its grid needs " + std::to_string(volume.grid.voxels()));
+  const auto bad =
+      std::find_if(volume.samples.begin(), volume.samples.end(), [](float v) { return !std::isfinite(v); });
   if (bad != volume.samples.end())
     throw InvalidInput(std::string(what) + " image holds a value that is not finite at voxel " +
                        std::to_string(bad - volume.samples.begin()) + "; replace NaN and Inf before registering");
@@ -102,8 +103,8 @@ class ThreadCount {
 };
 #endif
 
-/// Intensities are scaled so that the fixed image's 1st to 99th percentile (of what its mask shows) is [0,1], both images
-/// alike: weights then mean the same for every scanner. Nothing is clipped.
+/// Intensities are scaled so that the fixed image's 1st to 99th percentile (of what its mask shows) is [0,1], both
+/// images alike: weights then mean the same for every scanner. Nothing is clipped.
 struct IntensityScale {
   double low = 0, factor = 1;
 
@@ -176,8 +177,11 @@ template <int Dim>
 class Pyramid {
  public:
   Pyramid(const RegistrationInput<Dim>& input, const RegistrationOptions& options)
-      : input_(input), options_(options), fixed_lattice_(lattice_of(input.fixed.grid)),
-        moving_lattice_(lattice_of(input.moving.grid)), to_moving_(frame_to_index(input)) {
+      : input_(input),
+        options_(options),
+        fixed_lattice_(lattice_of(input.fixed.grid)),
+        moving_lattice_(lattice_of(input.moving.grid)),
+        to_moving_(frame_to_index(input)) {
     const IntensityScale scale(visible(input.fixed.samples, input.fixed_mask));
     fixed_ = scale(input.fixed.samples);
     moving_ = scale(input.moving.samples);
@@ -190,7 +194,8 @@ class Pyramid {
   MatchingLevel<Dim, Scalar> level(int level) const {
     MatchingLevel<Dim, Scalar> made;
     made.lattice = level_lattice(fixed_lattice_, level);
-    const std::vector<Scalar> fixed_weights = input_.fixed_mask ? binary(input_.fixed_mask->samples) : std::vector<Scalar>{};
+    const std::vector<Scalar> fixed_weights =
+        input_.fixed_mask ? binary(input_.fixed_mask->samples) : std::vector<Scalar>{};
     made.fixed = reduced(fixed_lattice_, fixed_, fixed_weights, made.lattice);
     const double reference = *std::min_element(fixed_lattice_.spacing.begin(), fixed_lattice_.spacing.end());
     const Lattice<Dim> moving = level == 0 ? moving_lattice_ : coarsened(moving_lattice_, std::ldexp(reference, level));
@@ -327,7 +332,8 @@ RegistrationResult<Dim> register_images(const RegistrationInput<Dim>& input, con
   std::vector<double> planned_until;
   double planned = 0;
   for (int level : levels) {
-    planned += static_cast<double>(level_lattice(pyramid.fixed_lattice(), level).sites()) * (options.optimisation.max_iterations + 2);
+    planned += static_cast<double>(level_lattice(pyramid.fixed_lattice(), level).sites()) *
+               (options.optimisation.max_iterations + 2);
     planned_until.push_back(planned);
   }
   meter.plan(planned);
@@ -347,8 +353,9 @@ RegistrationResult<Dim> register_images(const RegistrationInput<Dim>& input, con
       if (placed.level >= level) active.push_back(placed.scale.get());
     objective = std::make_unique<MatchingObjective<Dim, Scalar>>(
         active, level_images,
-        make_similarity<Dim, Scalar>(options.similarity, level_images.lattice, options.similarity_parameters,
-                                     *std::min_element(level_images.lattice.spacing.begin(), level_images.lattice.spacing.end())),
+        make_similarity<Dim, Scalar>(
+            options.similarity, level_images.lattice, options.similarity_parameters,
+            *std::min_element(level_images.lattice.spacing.begin(), level_images.lattice.spacing.end())),
         options.momenta.sparsity);
     if (options.momenta.shear_only) objective->keep_shear_only();
     momenta.resize(objective->size(), Scalar(0));  // finer scales come last and start at 0
@@ -378,7 +385,8 @@ RegistrationResult<Dim> register_images(const RegistrationInput<Dim>& input, con
     LevelSummary level_summary;
     level_summary.level = now.level;
     level_summary.grid = describe<Dim>(level_images.lattice.size);
-    level_summary.spacing_mm = *std::min_element(level_images.lattice.spacing.begin(), level_images.lattice.spacing.end());
+    level_summary.spacing_mm =
+        *std::min_element(level_images.lattice.spacing.begin(), level_images.lattice.spacing.end());
     try {
       const MinimiseSummary found = minimise<Scalar>(*objective, how, momenta, [&](const MinimiseStep& taken) {
         const EnergyParts& parts = objective->parts();
@@ -423,7 +431,9 @@ RegistrationResult<Dim> register_images(const RegistrationInput<Dim>& input, con
   return result;
 }
 
-template RegistrationResult<2> register_images(const RegistrationInput<2>&, const RegistrationOptions&, const ProgressCallback&);
-template RegistrationResult<3> register_images(const RegistrationInput<3>&, const RegistrationOptions&, const ProgressCallback&);
+template RegistrationResult<2> register_images(const RegistrationInput<2>&, const RegistrationOptions&,
+                                               const ProgressCallback&);
+template RegistrationResult<3> register_images(const RegistrationInput<3>&, const RegistrationOptions&,
+                                               const ProgressCallback&);
 
 }  // namespace saltus

@@ -27,6 +27,7 @@ RegistrationResult<Dim> register_images(const RegistrationInput<Dim>& input, con
 
 /// Upper bound of the memory that register_images will use, in bytes, for admission before a run.
 template <int Dim>
-std::size_t memory_estimate(const ImageGrid<Dim>& fixed, const ImageGrid<Dim>& moving, const RegistrationOptions& options);
+std::size_t memory_estimate(const ImageGrid<Dim>& fixed, const ImageGrid<Dim>& moving,
+                            const RegistrationOptions& options);
 
 }  // namespace saltus

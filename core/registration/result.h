@@ -25,7 +25,7 @@ std::string to_string(Termination termination);
 
 struct LevelSummary {
   int level = 0;
-  std::string grid;  ///< "166x195x25"
+  std::string grid;       ///< "166x195x25"
   double spacing_mm = 0;  ///< smallest
   int iterations = 0;
   int evaluations = 0;
@@ -37,16 +37,16 @@ struct LevelSummary {
 };
 
 struct RegistrationSummary {
-  std::vector<LevelSummary> levels;       ///< coarsest first
-  std::vector<IterationRecord> history;   ///< all levels in order
+  std::vector<LevelSummary> levels;                  ///< coarsest first
+  std::vector<IterationRecord> history;              ///< all levels in order
   Termination termination = Termination::Converged;  ///< Stopped when the progress callback asked for it
-  double similarity_before = 0;           ///< similarity at full resolution, after the affine start only
+  double similarity_before = 0;                      ///< similarity at full resolution, after the affine start only
   double similarity_after = 0;
   double seconds = 0;
   double cpu_seconds = 0;
-  double hamiltonian_drift = 0;           ///< max |H(t) - H(0)| / H(0) along the geodesic; -1: several scales, H is no invariant
-  double active_first_order_share = 0;    ///< share of first-order sites with a non-zero momentum
-  double inverse_consistency_mm = 0;      ///< median |psi(phi(y)) - y|
+  double hamiltonian_drift = 0;  ///< max |H(t) - H(0)| / H(0) along the geodesic; -1: several scales, H is no invariant
+  double active_first_order_share = 0;  ///< share of first-order sites with a non-zero momentum
+  double inverse_consistency_mm = 0;    ///< median |psi(phi(y)) - y|
   double min_jacobian = 0;
   double share_jacobian_not_positive = 0;
 };
@@ -54,16 +54,16 @@ struct RegistrationSummary {
 /// Initial momentum of one scale and order, enough to inspect it.
 template <int Dim>
 struct MomentumField {
-  std::string kernel;   ///< "gaussian" or "wendland"
+  std::string kernel;  ///< "gaussian" or "wendland"
   double width_mm = 0;
-  int axis = -1;        ///< -1: order 0; i: the first-order momentum m_i along grid axis i
+  int axis = -1;              ///< -1: order 0; i: the first-order momentum m_i along grid axis i
   VectorVolume<Dim> vectors;  ///< components along the grid's axes
 };
 
 /// Everything register_images found. Displacements are world millimetres (LPS).
 template <int Dim>
 struct RegistrationResult {
-  VectorVolume<Dim> displacement;          ///< on the fixed grid: fixed(x) ~ moving(x + u(x)); contains the affine start
+  VectorVolume<Dim> displacement;  ///< on the fixed grid: fixed(x) ~ moving(x + u(x)); contains the affine start
   VectorVolume<Dim> inverse_displacement;  ///< on the moving grid: moving(y) ~ fixed(y + w(y))
   Volume<Dim> warped;                      ///< moving image on the fixed grid
   Volume<Dim> jacobian;                    ///< det D(x + u(x)) on the fixed grid

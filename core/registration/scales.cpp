@@ -15,7 +15,8 @@ template <int Dim>
 RegistrationOptions resolved(const RegistrationOptions& options, const Lattice<Dim>& image) {
   const double reference = *std::min_element(image.spacing.begin(), image.spacing.end());
   double largest = 0;
-  for (int axis = 0; axis < Dim; ++axis) largest = std::max(largest, image.size[axis] * image.spacing[axis] / reference);
+  for (int axis = 0; axis < Dim; ++axis)
+    largest = std::max(largest, image.size[axis] * image.spacing[axis] / reference);
   return resolved(options, Dim, largest);
 }
 

@@ -35,10 +35,12 @@ void BoxSum<Dim, T>::apply(int channels, T* field) {
             T* to = target + i * inner;
             if (entering && leaving) {
 #pragma omp simd
-              for (std::size_t k = 0; k < width; ++k) to[k] = static_cast<T>(sum[k] += double(entering[k]) - leaving[k]);
+              for (std::size_t k = 0; k < width; ++k)
+                to[k] = static_cast<T>(sum[k] += double(entering[k]) - leaving[k]);
             } else {
               for (std::size_t k = 0; k < width; ++k)
-                to[k] = static_cast<T>(sum[k] += (entering ? double(entering[k]) : 0.0) - (leaving ? double(leaving[k]) : 0.0));
+                to[k] = static_cast<T>(sum[k] +=
+                                       (entering ? double(entering[k]) : 0.0) - (leaving ? double(leaving[k]) : 0.0));
             }
           }
         }

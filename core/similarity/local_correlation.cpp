@@ -15,8 +15,11 @@ template <int Dim, class T>
 class LocalCorrelation final : public Similarity<Dim, T> {
  public:
   LocalCorrelation(const Lattice<Dim>& lattice, double radius_mm, double floor)
-      : sites_(lattice.sites()), volume_(lattice.cell_volume()), floor2_(floor * floor),
-        box_(lattice, window(lattice, radius_mm)), sums_(kSums * lattice.sites()) {}
+      : sites_(lattice.sites()),
+        volume_(lattice.cell_volume()),
+        floor2_(floor * floor),
+        box_(lattice, window(lattice, radius_mm)),
+        sums_(kSums * lattice.sites()) {}
 
   double evaluate(const T* fixed, const T* warped, const T* weights, T* gradient, T* weight_gradient) override {
 #pragma omp parallel for schedule(static)
@@ -84,7 +87,8 @@ class LocalCorrelation final : public Similarity<Dim, T> {
   static Index<Dim> window(const Lattice<Dim>& lattice, double radius_mm) {
     Index<Dim> radius;
     for (int axis = 0; axis < Dim; ++axis)
-      radius[axis] = lattice.size[axis] > 1 ? std::max(1, static_cast<int>(std::lround(radius_mm / lattice.spacing[axis]))) : 0;
+      radius[axis] =
+          lattice.size[axis] > 1 ? std::max(1, static_cast<int>(std::lround(radius_mm / lattice.spacing[axis]))) : 0;
     return radius;
   }
 
@@ -97,7 +101,8 @@ class LocalCorrelation final : public Similarity<Dim, T> {
 }  // namespace
 
 template <int Dim, class T>
-std::unique_ptr<Similarity<Dim, T>> make_local_correlation(const Lattice<Dim>& lattice, double radius_mm, double floor) {
+std::unique_ptr<Similarity<Dim, T>> make_local_correlation(const Lattice<Dim>& lattice, double radius_mm,
+                                                           double floor) {
   return std::make_unique<LocalCorrelation<Dim, T>>(lattice, radius_mm, floor);
 }
 

@@ -5,8 +5,7 @@ namespace saltus {
 
 template <int Dim, class T>
 std::unique_ptr<Similarity<Dim, T>> make_similarity(SimilarityType type, const Lattice<Dim>& lattice,
-                                                    const SimilarityOptions& parameters,
-                                                    double level_spacing_mm) {
+                                                    const SimilarityOptions& parameters, double level_spacing_mm) {
   switch (type) {
     case SimilarityType::Ssd:
       return make_sum_of_squares<Dim, T>(lattice);

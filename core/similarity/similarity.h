@@ -25,14 +25,14 @@ std::unique_ptr<Similarity<Dim, T>> make_sum_of_squares(const Lattice<Dim>& latt
 
 /// Integral of 1 - c with the un-squared local correlation c = cov / sqrt((var_f + floor^2) (var_w + floor^2)) over box
 /// windows of half width `radius_mm` (at least one sample on each axis that has more than one). In [0, 2] per mm^Dim.
-/// The floor, in intensity units, keeps flat windows at c = 0 with a finite gradient. Cost does not depend on the radius.
+/// The floor, in intensity units, keeps flat windows at c = 0 with a finite gradient. Cost does not depend on the
+/// radius.
 template <int Dim, class T>
 std::unique_ptr<Similarity<Dim, T>> make_local_correlation(const Lattice<Dim>& lattice, double radius_mm, double floor);
 
 /// What the options ask for at a level whose voxels are `level_spacing_mm` wide. Images must be scaled to unit range.
 template <int Dim, class T>
 std::unique_ptr<Similarity<Dim, T>> make_similarity(SimilarityType type, const Lattice<Dim>& lattice,
-                                                    const SimilarityOptions& parameters,
-                                                    double level_spacing_mm);
+                                                    const SimilarityOptions& parameters, double level_spacing_mm);
 
 }  // namespace saltus

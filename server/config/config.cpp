@@ -32,7 +32,9 @@ ParsedConfig parse_config(int argc, char** argv) {
   double lease_seconds = 30;
   config.log_level = "info";
   app.set_version_flag("--version", SALTUS_VERSION);
-  app.add_option("--data", data, "Folder for jobs, images and results; made when missing")->required()->type_name("DIR");
+  app.add_option("--data", data, "Folder for jobs, images and results; made when missing")
+      ->required()
+      ->type_name("DIR");
   app.add_option("--listen", listen, "unix:/path or 127.0.0.1:port; port 0 takes a free one [unix:DIR/saltusd.sock]")
       ->type_name("ADDRESS");
   app.add_option("--slots", config.slots, "Workers at the same time [cores / threads per job]")

@@ -41,9 +41,10 @@ ListenAddress parse_listen_address(const std::string& text) {
     throw InvalidInput("--listen is " + text + "; it must be unix:/path or 127.0.0.1:port");
   const std::string host = text.substr(0, colon);
   if (host != "127.0.0.1" && host != "localhost" && host != "[::1]")
-    throw InvalidInput("--listen is " + text +
-                       "; only this machine (unix:/path or 127.0.0.1:port) is served, because without mutual TLS anyone "
-                       "on the network could read the images; use an SSH tunnel to come from elsewhere");
+    throw InvalidInput(
+        "--listen is " + text +
+        "; only this machine (unix:/path or 127.0.0.1:port) is served, because without mutual TLS anyone "
+        "on the network could read the images; use an SSH tunnel to come from elsewhere");
   return {ListenAddress::Kind::Loopback, "", host, parse_port(text, text.substr(colon + 1))};
 }
 

@@ -20,7 +20,8 @@ void require_nobody_listens(const std::string& path) {
   const int result = ::connect(descriptor, reinterpret_cast<const sockaddr*>(&address), sizeof address);
   ::close(descriptor);
   if (result == 0)
-    throw std::runtime_error("--listen is unix:" + path + ", where another program listens; stop it or choose another path");
+    throw std::runtime_error("--listen is unix:" + path +
+                             ", where another program listens; stop it or choose another path");
 }
 
 void restrict_socket(const std::string& path) {

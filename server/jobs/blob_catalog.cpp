@@ -45,7 +45,8 @@ std::unique_ptr<BlobReader> BlobCatalog::open(const std::string& digest) {
   std::optional<std::int64_t> size;
   rows_.read([&](JobReader& reader) { size = reader.blob_size(digest); });
   if (!size)
-    throw Refusal(RefusalKind::NotFound, "BLOB_NOT_FOUND", "there is no blob " + digest + " on the server; upload it first");
+    throw Refusal(RefusalKind::NotFound, "BLOB_NOT_FOUND",
+                  "there is no blob " + digest + " on the server; upload it first");
   return bytes_.open(digest, *size);
 }
 

@@ -45,9 +45,9 @@ struct JobRecord {
   int threads = 0;  ///< 0: the daemon's default
 
   JobState state = JobState::Queued;
-  int attempt = 0;        ///< number of the current or last attempt, 0 before the first
-  int lost_attempts = 0;  ///< attempts that ended without an outcome and count against the limit
-  int crashes = 0;        ///< of those, how many died by a signal
+  int attempt = 0;         ///< number of the current or last attempt, 0 before the first
+  int lost_attempts = 0;   ///< attempts that ended without an outcome and count against the limit
+  int crashes = 0;         ///< of those, how many died by a signal
   std::string token_hash;  ///< fingerprint of the attempt's token
   std::string process;     ///< the launcher's name for the attempt's process; "" while unknown
 

@@ -216,22 +216,23 @@ void JobManager::complete(const AttemptKey& key, const std::string& token, const
 }
 
 void JobManager::lose(const AttemptKey& key, LossCause cause, const std::string& detail) {
-  write_change([this, key, cause, detail](JobTable& table) { return queue_.lose(table, key, cause, detail); },
-               [this, key, cause, detail](std::exception_ptr error, const Change& change) {
-                 std::lock_guard lock(mutex_);
-                 if (error) {
-                   // Not recorded: the lease stays, so that its expiry tries once more.
-                   leases_.retry_expiry(key, clock_.steady());
-                   return;
-                 }
-                 if (!change.job) {
-                   // The attempt had ended before: nothing was lost, and its lease must not hold a slot.
-                   leases_.end(key);
-                   return;
-                 }
-                 if (cause != LossCause::Exited || detail != "exit code 0")
-                   log_("job " + key.job_id + ", attempt " + std::to_string(key.attempt) + ": " + describe(cause, detail));
-               });
+  write_change(
+      [this, key, cause, detail](JobTable& table) { return queue_.lose(table, key, cause, detail); },
+      [this, key, cause, detail](std::exception_ptr error, const Change& change) {
+        std::lock_guard lock(mutex_);
+        if (error) {
+          // Not recorded: the lease stays, so that its expiry tries once more.
+          leases_.retry_expiry(key, clock_.steady());
+          return;
+        }
+        if (!change.job) {
+          // The attempt had ended before: nothing was lost, and its lease must not hold a slot.
+          leases_.end(key);
+          return;
+        }
+        if (cause != LossCause::Exited || detail != "exit code 0")
+          log_("job " + key.job_id + ", attempt " + std::to_string(key.attempt) + ": " + describe(cause, detail));
+      });
 }
 
 void JobManager::worker_ended(const AttemptKey& key, const WorkerExit& exit) {
@@ -242,9 +243,12 @@ void JobManager::worker_ended(const AttemptKey& key, const WorkerExit& exit) {
   const std::string number = std::to_string(exit.number);
   if (is_draining_) return lose(key, LossCause::Released, "");
   switch (exit.kind) {
-    case WorkerExit::Kind::Exited: return lose(key, LossCause::Exited, "exit code " + number);
-    case WorkerExit::Kind::Signalled: return lose(key, LossCause::Crashed, "signal " + number);
-    case WorkerExit::Kind::Vanished: return lose(key, LossCause::Vanished, "");
+    case WorkerExit::Kind::Exited:
+      return lose(key, LossCause::Exited, "exit code " + number);
+    case WorkerExit::Kind::Signalled:
+      return lose(key, LossCause::Crashed, "signal " + number);
+    case WorkerExit::Kind::Vanished:
+      return lose(key, LossCause::Vanished, "");
   }
 }
 

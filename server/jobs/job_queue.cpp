@@ -44,13 +44,20 @@ void require_blobs(JobTable& table, const std::vector<Artifact>& artifacts) {
 
 std::string describe(LossCause cause, const std::string& detail) {
   switch (cause) {
-    case LossCause::Crashed: return "the worker died by " + detail;
-    case LossCause::Exited: return "the worker ended without a result, " + detail;
-    case LossCause::Stopped: return "the worker stopped unasked";
-    case LossCause::Vanished: return "the worker was gone after a restart of the daemon";
-    case LossCause::LeaseExpired: return "the worker was not heard of for too long";
-    case LossCause::LaunchFailed: return "the worker could not be started: " + detail;
-    case LossCause::Released: return "the daemon was shut down";
+    case LossCause::Crashed:
+      return "the worker died by " + detail;
+    case LossCause::Exited:
+      return "the worker ended without a result, " + detail;
+    case LossCause::Stopped:
+      return "the worker stopped unasked";
+    case LossCause::Vanished:
+      return "the worker was gone after a restart of the daemon";
+    case LossCause::LeaseExpired:
+      return "the worker was not heard of for too long";
+    case LossCause::LaunchFailed:
+      return "the worker could not be started: " + detail;
+    case LossCause::Released:
+      return "the daemon was shut down";
   }
   return detail;
 }
@@ -58,7 +65,8 @@ std::string describe(LossCause cause, const std::string& detail) {
 JobRecord require_job(JobReader& reader, const std::string& id) {
   auto job = reader.find(id);
   if (!job)
-    throw Refusal(RefusalKind::NotFound, "JOB_NOT_FOUND", "there is no job '" + id + "'; list the jobs to see which there are");
+    throw Refusal(RefusalKind::NotFound, "JOB_NOT_FOUND",
+                  "there is no job '" + id + "'; list the jobs to see which there are");
   return *std::move(job);
 }
 
@@ -72,8 +80,9 @@ JobRecord JobQueue::submit(JobTable& table, const NewJob& asked) const {
     }
   }
   if (table.count(JobState::Queued) >= limits_.max_queued)
-    throw Refusal(RefusalKind::Exhausted, "QUEUE_FULL",
-                  "the queue holds " + std::to_string(limits_.max_queued) + " jobs, which is its limit; try again later");
+    throw Refusal(
+        RefusalKind::Exhausted, "QUEUE_FULL",
+        "the queue holds " + std::to_string(limits_.max_queued) + " jobs, which is its limit; try again later");
   for (const std::string& digest : asked.inputs)
     if (!table.blob_size(digest))
       throw Refusal(RefusalKind::FailedPrecondition, "INPUT_MISSING",
@@ -115,8 +124,8 @@ JobRecord JobQueue::cancel(JobTable& table, const std::string& id) const {
   return job;
 }
 
-JobRecord JobQueue::complete(JobTable& table, const AttemptKey& key, const std::string& token,
-                             const Outcome& outcome, LossCause stop_cause) const {
+JobRecord JobQueue::complete(JobTable& table, const AttemptKey& key, const std::string& token, const Outcome& outcome,
+                             LossCause stop_cause) const {
   auto found = table.find(key.job_id);
   if (!found || found->attempt != key.attempt || found->token_hash != ids_.fingerprint(token)) throw lease_lost(key);
   JobRecord job = *std::move(found);
@@ -157,8 +166,9 @@ std::optional<JobRecord> JobQueue::lose(JobTable& table, const AttemptKey& key, 
     if (job.state == JobState::Failed) {
       const std::string what = describe(cause, detail);
       if (is_poison)
-        job.failure = {"WORKER_CRASHED", what + ", for the second time; the input may be too large for the machine, "
-                                                "what the worker printed is in logs/ of the daemon's folder"};
+        job.failure = {"WORKER_CRASHED", what +
+                                             ", for the second time; the input may be too large for the machine, "
+                                             "what the worker printed is in logs/ of the daemon's folder"};
       else
         job.failure = {"ATTEMPTS_EXHAUSTED", "attempt " + std::to_string(job.lost_attempts) + " of " +
                                                  std::to_string(limits_.max_attempts) + " was lost as well: " + what +

@@ -45,7 +45,8 @@ class JobQueue {
  public:
   JobQueue(const Clock& clock, IdSource& ids, QueueLimits limits) : clock_(clock), ids_(ids), limits_(limits) {}
 
-  /// Appends a job. With a request_id seen before: the job made then, or ALREADY_EXISTS when it was for another content.
+  /// Appends a job. With a request_id seen before: the job made then, or ALREADY_EXISTS when it was for another
+  /// content.
   JobRecord submit(JobTable& table, const NewJob& job) const;
 
   struct Taken {
@@ -58,13 +59,15 @@ class JobQueue {
   /// Idempotent.
   JobRecord cancel(JobTable& table, const std::string& id) const;
 
-  /// Ends an attempt with its outcome. Repeating the same outcome is allowed. Throws Aborted LEASE_LOST when the attempt
-  /// or the token is not the current one. A worker that has stopped unasked has lost its attempt for `stop_cause`.
+  /// Ends an attempt with its outcome. Repeating the same outcome is allowed. Throws Aborted LEASE_LOST when the
+  /// attempt or the token is not the current one. A worker that has stopped unasked has lost its attempt for
+  /// `stop_cause`.
   JobRecord complete(JobTable& table, const AttemptKey& key, const std::string& token, const Outcome& outcome,
                      LossCause stop_cause = LossCause::Stopped) const;
 
   /// Ends an attempt without an outcome. Nothing when it had ended before. `detail` goes into the failure message.
-  std::optional<JobRecord> lose(JobTable& table, const AttemptKey& key, LossCause cause, const std::string& detail) const;
+  std::optional<JobRecord> lose(JobTable& table, const AttemptKey& key, LossCause cause,
+                                const std::string& detail) const;
 
   /// Removes the job and returns the digests of its artefacts. Throws FailedPrecondition JOB_RUNNING.
   std::vector<std::string> remove(JobTable& table, const std::string& id) const;

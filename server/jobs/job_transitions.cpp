@@ -15,18 +15,18 @@ using E = JobEvent;
 // A job that is being cancelled ends as Cancelled whatever becomes of its worker, except when the worker won the race
 // and delivered.
 constexpr Row kTable[] = {
-    {S::Queued, E::Start, S::Running},          {S::Queued, E::Cancel, S::Cancelled},
+    {S::Queued, E::Start, S::Running},         {S::Queued, E::Cancel, S::Cancelled},
 
-    {S::Running, E::Succeed, S::Succeeded},     {S::Running, E::Fail, S::Failed},
-    {S::Running, E::Cancel, S::Cancelling},     {S::Running, E::Lose, S::Queued},
-    {S::Running, E::GiveUp, S::Failed},         {S::Running, E::Release, S::Queued},
+    {S::Running, E::Succeed, S::Succeeded},    {S::Running, E::Fail, S::Failed},
+    {S::Running, E::Cancel, S::Cancelling},    {S::Running, E::Lose, S::Queued},
+    {S::Running, E::GiveUp, S::Failed},        {S::Running, E::Release, S::Queued},
 
-    {S::Cancelling, E::Succeed, S::Succeeded},  {S::Cancelling, E::Fail, S::Cancelled},
-    {S::Cancelling, E::Cancel, S::Cancelling},  {S::Cancelling, E::Stop, S::Cancelled},
-    {S::Cancelling, E::Lose, S::Cancelled},     {S::Cancelling, E::GiveUp, S::Cancelled},
+    {S::Cancelling, E::Succeed, S::Succeeded}, {S::Cancelling, E::Fail, S::Cancelled},
+    {S::Cancelling, E::Cancel, S::Cancelling}, {S::Cancelling, E::Stop, S::Cancelled},
+    {S::Cancelling, E::Lose, S::Cancelled},    {S::Cancelling, E::GiveUp, S::Cancelled},
     {S::Cancelling, E::Release, S::Cancelled},
 
-    {S::Succeeded, E::Cancel, S::Succeeded},    {S::Failed, E::Cancel, S::Failed},
+    {S::Succeeded, E::Cancel, S::Succeeded},   {S::Failed, E::Cancel, S::Failed},
     {S::Cancelled, E::Cancel, S::Cancelled},
 };
 
@@ -46,12 +46,18 @@ bool is_held(JobState state) { return state == JobState::Running || state == Job
 
 std::string to_string(JobState state) {
   switch (state) {
-    case JobState::Queued: return "queued";
-    case JobState::Running: return "running";
-    case JobState::Cancelling: return "cancelling";
-    case JobState::Succeeded: return "succeeded";
-    case JobState::Failed: return "failed";
-    case JobState::Cancelled: return "cancelled";
+    case JobState::Queued:
+      return "queued";
+    case JobState::Running:
+      return "running";
+    case JobState::Cancelling:
+      return "cancelling";
+    case JobState::Succeeded:
+      return "succeeded";
+    case JobState::Failed:
+      return "failed";
+    case JobState::Cancelled:
+      return "cancelled";
   }
   return "";
 }

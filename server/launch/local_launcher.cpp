@@ -184,7 +184,8 @@ bool LocalLauncher::adopt(const AttemptKey& key, const std::string& process) {
   const int descriptor = open_process(identity->pid);
   if (descriptor < 0) return false;
   auto worker = std::make_shared<Worker>(*identity, descriptor, false);
-  if (identify(identity->pid) != identity) return false;  // ended, and the number reused, before the descriptor was opened
+  if (identify(identity->pid) != identity)
+    return false;  // ended, and the number reused, before the descriptor was opened
   {
     std::lock_guard lock(mutex_);
     workers_[key] = std::move(worker);
@@ -279,7 +280,8 @@ void LocalLauncher::limit_logs() {
 
 void LocalLauncher::remove_old_logs() {
   std::vector<std::pair<fs::file_time_type, fs::path>> logs;
-  for (const auto& entry : fs::directory_iterator(settings_.logs)) logs.emplace_back(entry.last_write_time(), entry.path());
+  for (const auto& entry : fs::directory_iterator(settings_.logs))
+    logs.emplace_back(entry.last_write_time(), entry.path());
   if (logs.size() <= settings_.max_logs) return;
   std::sort(logs.begin(), logs.end());
   for (std::size_t i = 0; i < logs.size() - settings_.max_logs; ++i) fs::remove(logs[i].second);

@@ -9,7 +9,10 @@
 namespace saltus::server {
 
 BlobServiceImpl::BlobServiceImpl(BlobCatalog& blobs, TaskPool& pool)
-    : blobs_(blobs), pool_(pool), uploads_("upload", limits::kUploadStreams), downloads_("download", limits::kDownloadStreams) {}
+    : blobs_(blobs),
+      pool_(pool),
+      uploads_("upload", limits::kUploadStreams),
+      downloads_("download", limits::kDownloadStreams) {}
 
 grpc::ServerUnaryReactor* BlobServiceImpl::FindMissingBlobs(grpc::CallbackServerContext* context,
                                                             const v1::FindMissingBlobsRequest* request,

@@ -15,7 +15,8 @@ class BlobServiceImpl final : public v1::BlobService::CallbackService {
 
   grpc::ServerUnaryReactor* FindMissingBlobs(grpc::CallbackServerContext*, const v1::FindMissingBlobsRequest*,
                                              v1::FindMissingBlobsResponse*) override;
-  grpc::ServerReadReactor<v1::WriteBlobRequest>* WriteBlob(grpc::CallbackServerContext*, v1::WriteBlobResponse*) override;
+  grpc::ServerReadReactor<v1::WriteBlobRequest>* WriteBlob(grpc::CallbackServerContext*,
+                                                           v1::WriteBlobResponse*) override;
   grpc::ServerWriteReactor<v1::ReadBlobResponse>* ReadBlob(grpc::CallbackServerContext*,
                                                            const v1::ReadBlobRequest*) override;
 

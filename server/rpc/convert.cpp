@@ -38,22 +38,32 @@ double seconds(std::chrono::milliseconds time) { return std::chrono::duration<do
 
 v1::JobStage to_message(JobStage stage) {
   switch (stage) {
-    case JobStage::Unknown: return v1::JOB_STAGE_UNSPECIFIED;
-    case JobStage::Fetching: return v1::JOB_STAGE_FETCHING;
-    case JobStage::Validating: return v1::JOB_STAGE_VALIDATING;
-    case JobStage::Optimising: return v1::JOB_STAGE_OPTIMISING;
-    case JobStage::Writing: return v1::JOB_STAGE_WRITING;
+    case JobStage::Unknown:
+      return v1::JOB_STAGE_UNSPECIFIED;
+    case JobStage::Fetching:
+      return v1::JOB_STAGE_FETCHING;
+    case JobStage::Validating:
+      return v1::JOB_STAGE_VALIDATING;
+    case JobStage::Optimising:
+      return v1::JOB_STAGE_OPTIMISING;
+    case JobStage::Writing:
+      return v1::JOB_STAGE_WRITING;
   }
   return v1::JOB_STAGE_UNSPECIFIED;
 }
 
 JobStage from_message(v1::JobStage stage) {
   switch (stage) {
-    case v1::JOB_STAGE_FETCHING: return JobStage::Fetching;
-    case v1::JOB_STAGE_VALIDATING: return JobStage::Validating;
-    case v1::JOB_STAGE_OPTIMISING: return JobStage::Optimising;
-    case v1::JOB_STAGE_WRITING: return JobStage::Writing;
-    default: return JobStage::Unknown;
+    case v1::JOB_STAGE_FETCHING:
+      return JobStage::Fetching;
+    case v1::JOB_STAGE_VALIDATING:
+      return JobStage::Validating;
+    case v1::JOB_STAGE_OPTIMISING:
+      return JobStage::Optimising;
+    case v1::JOB_STAGE_WRITING:
+      return JobStage::Writing;
+    default:
+      return JobStage::Unknown;
   }
 }
 
@@ -61,25 +71,38 @@ JobStage from_message(v1::JobStage stage) {
 
 v1::JobState to_message(JobState state) {
   switch (state) {
-    case JobState::Queued: return v1::JOB_STATE_QUEUED;
-    case JobState::Running: return v1::JOB_STATE_RUNNING;
-    case JobState::Cancelling: return v1::JOB_STATE_CANCELLING;
-    case JobState::Succeeded: return v1::JOB_STATE_SUCCEEDED;
-    case JobState::Failed: return v1::JOB_STATE_FAILED;
-    case JobState::Cancelled: return v1::JOB_STATE_CANCELLED;
+    case JobState::Queued:
+      return v1::JOB_STATE_QUEUED;
+    case JobState::Running:
+      return v1::JOB_STATE_RUNNING;
+    case JobState::Cancelling:
+      return v1::JOB_STATE_CANCELLING;
+    case JobState::Succeeded:
+      return v1::JOB_STATE_SUCCEEDED;
+    case JobState::Failed:
+      return v1::JOB_STATE_FAILED;
+    case JobState::Cancelled:
+      return v1::JOB_STATE_CANCELLED;
   }
   return v1::JOB_STATE_UNSPECIFIED;
 }
 
 std::optional<JobState> from_message(v1::JobState state) {
   switch (state) {
-    case v1::JOB_STATE_QUEUED: return JobState::Queued;
-    case v1::JOB_STATE_RUNNING: return JobState::Running;
-    case v1::JOB_STATE_CANCELLING: return JobState::Cancelling;
-    case v1::JOB_STATE_SUCCEEDED: return JobState::Succeeded;
-    case v1::JOB_STATE_FAILED: return JobState::Failed;
-    case v1::JOB_STATE_CANCELLED: return JobState::Cancelled;
-    default: return std::nullopt;
+    case v1::JOB_STATE_QUEUED:
+      return JobState::Queued;
+    case v1::JOB_STATE_RUNNING:
+      return JobState::Running;
+    case v1::JOB_STATE_CANCELLING:
+      return JobState::Cancelling;
+    case v1::JOB_STATE_SUCCEEDED:
+      return JobState::Succeeded;
+    case v1::JOB_STATE_FAILED:
+      return JobState::Failed;
+    case v1::JOB_STATE_CANCELLED:
+      return JobState::Cancelled;
+    default:
+      return std::nullopt;
   }
 }
 
@@ -170,8 +193,10 @@ Outcome from_message(const v1::CompleteJobRequest& request) {
     }
     case v1::CompleteJobRequest::kFailure:
       return JobFailure{request.failure().reason(), request.failure().message()};
-    case v1::CompleteJobRequest::kCancelled: return Stopped{};
-    case v1::CompleteJobRequest::OUTCOME_NOT_SET: break;
+    case v1::CompleteJobRequest::kCancelled:
+      return Stopped{};
+    case v1::CompleteJobRequest::OUTCOME_NOT_SET:
+      break;
   }
   throw InvalidInput("outcome is not set; it must be success, failure or cancelled");
 }

@@ -7,7 +7,7 @@
 namespace saltus::server::limits {
 
 constexpr int kMessageBytes = 4 << 20;
-constexpr std::size_t kUploadChunkBytes = 2 << 20;      // above it throughput falls and memory per stream grows
+constexpr std::size_t kUploadChunkBytes = 2 << 20;  // above it throughput falls and memory per stream grows
 constexpr std::size_t kDownloadChunkBytes = 256 << 10;
 constexpr std::int64_t kBlobBytes = std::int64_t{8} << 30;
 constexpr std::int64_t kVoxels = std::int64_t{1} << 31;

@@ -15,15 +15,24 @@ std::atomic<int> fault_count{0};
 
 grpc::StatusCode code_of(RefusalKind kind) {
   switch (kind) {
-    case RefusalKind::InvalidArgument: return grpc::StatusCode::INVALID_ARGUMENT;
-    case RefusalKind::NotFound: return grpc::StatusCode::NOT_FOUND;
-    case RefusalKind::AlreadyExists: return grpc::StatusCode::ALREADY_EXISTS;
-    case RefusalKind::FailedPrecondition: return grpc::StatusCode::FAILED_PRECONDITION;
-    case RefusalKind::Exhausted: return grpc::StatusCode::RESOURCE_EXHAUSTED;
-    case RefusalKind::Unavailable: return grpc::StatusCode::UNAVAILABLE;
-    case RefusalKind::Aborted: return grpc::StatusCode::ABORTED;
-    case RefusalKind::OutOfRange: return grpc::StatusCode::OUT_OF_RANGE;
-    case RefusalKind::DataLoss: return grpc::StatusCode::DATA_LOSS;
+    case RefusalKind::InvalidArgument:
+      return grpc::StatusCode::INVALID_ARGUMENT;
+    case RefusalKind::NotFound:
+      return grpc::StatusCode::NOT_FOUND;
+    case RefusalKind::AlreadyExists:
+      return grpc::StatusCode::ALREADY_EXISTS;
+    case RefusalKind::FailedPrecondition:
+      return grpc::StatusCode::FAILED_PRECONDITION;
+    case RefusalKind::Exhausted:
+      return grpc::StatusCode::RESOURCE_EXHAUSTED;
+    case RefusalKind::Unavailable:
+      return grpc::StatusCode::UNAVAILABLE;
+    case RefusalKind::Aborted:
+      return grpc::StatusCode::ABORTED;
+    case RefusalKind::OutOfRange:
+      return grpc::StatusCode::OUT_OF_RANGE;
+    case RefusalKind::DataLoss:
+      return grpc::StatusCode::DATA_LOSS;
   }
   return grpc::StatusCode::INTERNAL;
 }

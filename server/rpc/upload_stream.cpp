@@ -10,8 +10,8 @@
 namespace saltus::server {
 namespace {
 
-/// At any moment either a read, or a task, or a commit is under way, or the stream is finished; whoever has the turn may
-/// touch the members. gRPC calls OnDone after Finish only, so a task never outlives the stream.
+/// At any moment either a read, or a task, or a commit is under way, or the stream is finished; whoever has the turn
+/// may touch the members. gRPC calls OnDone after Finish only, so a task never outlives the stream.
 class UploadStream final : public grpc::ServerReadReactor<v1::WriteBlobRequest> {
  public:
   UploadStream(BlobCatalog& blobs, TaskPool& pool, StreamGate& gate, grpc::CallbackServerContext& context,
@@ -59,7 +59,8 @@ class UploadStream final : public grpc::ServerReadReactor<v1::WriteBlobRequest> 
   }
 
   void complete() {
-    if (!is_begun_) throw InvalidInput("digest is not set; the first message must name the digest and size of the blob");
+    if (!is_begun_)
+      throw InvalidInput("digest is not set; the first message must name the digest and size of the blob");
     upload_->seal();
     blobs_.commit(upload_, [this](std::exception_ptr error) { finish(error); });
   }

@@ -140,7 +140,8 @@ void check_crop(const v1::CropBox& crop) {
 
 void check_labels(const google::protobuf::Map<std::string, std::string>& labels) {
   if (static_cast<int>(labels.size()) > limits::kLabels)
-    refuse("labels", "a list of " + std::to_string(labels.size()), "at most " + std::to_string(limits::kLabels) + " are allowed");
+    refuse("labels", "a list of " + std::to_string(labels.size()),
+           "at most " + std::to_string(limits::kLabels) + " are allowed");
   for (const auto& [name, value] : labels) {
     if (name.empty() || name.size() > limits::kLabelNameBytes || !is_plain(name))
       refuse("a name in labels", shown(name),

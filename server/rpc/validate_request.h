@@ -6,8 +6,8 @@
 #include <string>
 #include <vector>
 
-/// What can be known about a request without decoding an image or asking the store. Each throws InvalidInput, or Refusal
-/// OutOfRange where it says so, with one sentence that names the field, the value and the way out.
+/// What can be known about a request without decoding an image or asking the store. Each throws InvalidInput, or
+/// Refusal OutOfRange where it says so, with one sentence that names the field, the value and the way out.
 namespace saltus::server {
 
 void validate(const v1::CreateRegistrationJobRequest& request);

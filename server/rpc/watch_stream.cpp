@@ -92,9 +92,10 @@ class WatchStream final : public grpc::ServerWriteReactor<Response>, public std:
   bool step() {
     {
       std::lock_guard lock(mutex_);
-      if (is_gone_) return finish(std::make_exception_ptr(
-                                      Refusal(RefusalKind::Unavailable, "WATCHER_GONE", "the watcher has gone"))),
-                           true;
+      if (is_gone_)
+        return finish(
+                   std::make_exception_ptr(Refusal(RefusalKind::Unavailable, "WATCHER_GONE", "the watcher has gone"))),
+               true;
     }
     if (is_terminal(view_.job.state)) return finish(nullptr), true;
     while (auto event = subscription_->next()) {

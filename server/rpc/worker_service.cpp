@@ -20,8 +20,8 @@ grpc::ServerUnaryReactor* WorkerServiceImpl::Heartbeat(grpc::CallbackServerConte
                                                        v1::HeartbeatResponse* response) {
   return answer_now(context, [&] {
     validate_job_id(request->job_id());
-    const auto wanted = jobs_.heartbeat({request->job_id(), request->attempt()}, request->token(),
-                                        from_message(request->progress()));
+    const auto wanted =
+        jobs_.heartbeat({request->job_id(), request->attempt()}, request->token(), from_message(request->progress()));
     response->set_command(wanted == LeaseTable::Wanted::Cancel ? v1::HeartbeatResponse::COMMAND_CANCEL
                                                                : v1::HeartbeatResponse::COMMAND_CONTINUE);
   });

@@ -82,8 +82,9 @@ class FileUpload final : public BlobUpload {
     if (written_ != size_) throw wrong_size(std::to_string(written_));
     const std::string found = std::string(kPrefix) + hash_.hex();
     if (found != digest_)
-      throw Refusal(RefusalKind::InvalidArgument, "DIGEST_MISMATCH",
-                    "digest is " + digest_ + ", but the bytes sent have " + found + "; send the bytes that belong to the digest");
+      throw Refusal(
+          RefusalKind::InvalidArgument, "DIGEST_MISMATCH",
+          "digest is " + digest_ + ", but the bytes sent have " + found + "; send the bytes that belong to the digest");
     if (fsync(descriptor_.get()) != 0) fail("cannot sync " + file_.string());
     is_sealed_ = true;
   }
@@ -121,7 +122,8 @@ class FileReader final : public BlobReader {
   }
 
   std::string read(std::size_t limit) override {
-    std::string bytes(static_cast<std::size_t>(std::min<std::int64_t>(static_cast<std::int64_t>(limit), size_ - position_)), '\0');
+    std::string bytes(
+        static_cast<std::size_t>(std::min<std::int64_t>(static_cast<std::int64_t>(limit), size_ - position_)), '\0');
     std::size_t filled = 0;
     while (filled < bytes.size()) {
       const ssize_t count = ::read(descriptor_.get(), bytes.data() + filled, bytes.size() - filled);
@@ -150,7 +152,8 @@ class FileReader final : public BlobReader {
 
 }  // namespace
 
-BlobDirectory::BlobDirectory(fs::path blobs, fs::path uploads) : blobs_(std::move(blobs)), uploads_(std::move(uploads)) {}
+BlobDirectory::BlobDirectory(fs::path blobs, fs::path uploads)
+    : blobs_(std::move(blobs)), uploads_(std::move(uploads)) {}
 
 fs::path BlobDirectory::path_of(const std::string& digest) const {
   // The digest becomes a path, so its form is checked here whatever the caller has checked.

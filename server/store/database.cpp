@@ -25,7 +25,8 @@ Query& Query::bind(std::string_view text) {
 }
 
 Query& Query::bind_blob(std::string_view bytes) {
-  check(sqlite3_bind_blob64(statement_, ++parameter_, bytes.data() ? bytes.data() : "", bytes.size(), SQLITE_TRANSIENT));
+  check(
+      sqlite3_bind_blob64(statement_, ++parameter_, bytes.data() ? bytes.data() : "", bytes.size(), SQLITE_TRANSIENT));
   return *this;
 }
 

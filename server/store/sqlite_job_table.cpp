@@ -3,7 +3,7 @@
 namespace saltus::server {
 namespace {
 
-#define SALTUS_JOB_COLUMNS                                                                                            \
+#define SALTUS_JOB_COLUMNS                                                                                           \
   "SELECT sequence, revision, id, request_id, request_hash, spec, threads, state, attempt, lost_attempts, crashes, " \
   "token_hash, process, created, started, ended, failure_reason, failure_message FROM job "
 
@@ -149,7 +149,11 @@ void SqliteJobTable::insert(JobRecord& job) {
   job.sequence = query.integer();
   query.run();
   for (const auto& [name, value] : job.labels)
-    database_.query("INSERT INTO label (job, name, value) VALUES (?, ?, ?)").bind(job.sequence).bind(name).bind(value).run();
+    database_.query("INSERT INTO label (job, name, value) VALUES (?, ?, ?)")
+        .bind(job.sequence)
+        .bind(name)
+        .bind(value)
+        .run();
   for (const std::string& digest : job.inputs)
     database_.query("INSERT OR IGNORE INTO input (job, digest) VALUES (?, ?)").bind(job.sequence).bind(digest).run();
 }
@@ -157,7 +161,8 @@ void SqliteJobTable::insert(JobRecord& job) {
 void SqliteJobTable::update(JobRecord& job) {
   ++job.revision;
   Query query = database_.query(
-      "UPDATE job SET revision = ?, state = ?, attempt = ?, lost_attempts = ?, crashes = ?, token_hash = ?, process = ?, "
+      "UPDATE job SET revision = ?, state = ?, attempt = ?, lost_attempts = ?, crashes = ?, token_hash = ?, process = "
+      "?, "
       "started = ?, ended = ?, failure_reason = ?, failure_message = ? WHERE sequence = ?");
   query.bind(job.revision).bind(number(job.state)).bind(job.attempt).bind(job.lost_attempts).bind(job.crashes);
   query.bind(job.token_hash).bind(job.process);
@@ -179,9 +184,7 @@ void SqliteJobTable::update(JobRecord& job) {
         .run();
 }
 
-void SqliteJobTable::erase(const std::string& id) {
-  database_.query("DELETE FROM job WHERE id = ?").bind(id).run();
-}
+void SqliteJobTable::erase(const std::string& id) { database_.query("DELETE FROM job WHERE id = ?").bind(id).run(); }
 
 void SqliteJobTable::insert_blob(const std::string& digest, std::int64_t size, WallTime now) {
   database_.query("INSERT OR IGNORE INTO blob (digest, size, created) VALUES (?, ?, ?)")
@@ -193,8 +196,9 @@ void SqliteJobTable::insert_blob(const std::string& digest, std::int64_t size, W
 
 bool SqliteJobTable::erase_blob_if_unreferenced(const std::string& digest) {
   database_
-      .query("DELETE FROM blob WHERE digest = ?1 AND NOT EXISTS (SELECT 1 FROM input WHERE digest = ?1) "
-             "AND NOT EXISTS (SELECT 1 FROM artifact WHERE digest = ?1)")
+      .query(
+          "DELETE FROM blob WHERE digest = ?1 AND NOT EXISTS (SELECT 1 FROM input WHERE digest = ?1) "
+          "AND NOT EXISTS (SELECT 1 FROM artifact WHERE digest = ?1)")
       .bind(digest)
       .run();
   return database_.changes() > 0;

@@ -51,8 +51,8 @@ class EndToEnd : public testing::Test {
   }
   /// `command` with a pair to register. It takes a moment, or is made to take what the test needs.
   std::vector<std::string> job(std::vector<std::string> command, const std::vector<std::string>& more = {}) const {
-    command.insert(command.end(), {"--fixed", folder / "fixed.mha", "--moving", folder / "moving.mha", "--format", "mha",
-                                   "--preset", "fast", "--threads", "1"});
+    command.insert(command.end(), {"--fixed", folder / "fixed.mha", "--moving", folder / "moving.mha", "--format",
+                                   "mha", "--preset", "fast", "--threads", "1"});
     command.insert(command.end(), more.begin(), more.end());
     return command;
   }
@@ -63,8 +63,8 @@ class EndToEnd : public testing::Test {
     return {"--set", "tolerance=0", "--set", "time_steps=16", "--set", "max_iterations=150"};
   }
   static std::vector<std::string> of_minutes() {
-    return {"--set", "tolerance=0", "--set", "time_steps=64", "--set", "max_iterations=10000", "--set", "levels=1",
-            "--set", "width_voxels=64"};
+    return {"--set", "tolerance=0", "--set", "time_steps=64",  "--set", "max_iterations=10000",
+            "--set", "levels=1",    "--set", "width_voxels=64"};
   }
 
   // Oracle: the scene was moved by (shift, 0) mm.

@@ -21,7 +21,9 @@ namespace saltus::testing_support {
 /// A clock that stands still until it is moved.
 class FakeClock final : public server::Clock {
  public:
-  server::WallTime wall() const override { return server::WallTime(std::chrono::milliseconds(1000000 + elapsed_.load())); }
+  server::WallTime wall() const override {
+    return server::WallTime(std::chrono::milliseconds(1000000 + elapsed_.load()));
+  }
   server::SteadyTime steady() const override {
     return server::SteadyTime(std::chrono::hours(1) + std::chrono::milliseconds(elapsed_.load()));
   }

@@ -8,8 +8,9 @@ namespace saltus::report {
 namespace {
 
 // Anchors at even distances. `sequential` follows viridis, `diverging` ColorBrewer's RdBu.
-constexpr Colour sequential_anchors[] = {{68, 1, 84},    {72, 40, 120},  {62, 74, 137},  {49, 104, 142}, {38, 130, 142},
-                                         {31, 158, 137}, {53, 183, 121}, {109, 205, 89}, {180, 222, 44}, {253, 231, 37}};
+constexpr Colour sequential_anchors[] = {{68, 1, 84},    {72, 40, 120},  {62, 74, 137},  {49, 104, 142},
+                                         {38, 130, 142}, {31, 158, 137}, {53, 183, 121}, {109, 205, 89},
+                                         {180, 222, 44}, {253, 231, 37}};
 constexpr Colour diverging_anchors[] = {{5, 48, 97},     {33, 102, 172},  {67, 147, 195},  {146, 197, 222},
                                         {209, 229, 240}, {247, 247, 247}, {253, 219, 199}, {244, 165, 130},
                                         {214, 96, 77},   {178, 24, 43},   {103, 0, 31}};

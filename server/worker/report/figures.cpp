@@ -38,15 +38,16 @@ class Figures {
         figure("Fixed", "what stays", &Pictures<Dim>::fixed),
         figure("Moving", has_start() ? "after the affine start" : "as it came", &Pictures<Dim>::moving),
         figure("Registered", "moving(x + u(x))", &Pictures<Dim>::warped)};
-    std::vector<std::string> match{figure("Difference before", "moving - fixed", &Pictures<Dim>::difference_before, bar),
-                                   figure("Difference after", "registered - fixed", &Pictures<Dim>::difference_after, bar)};
+    std::vector<std::string> match{
+        figure("Difference before", "moving - fixed", &Pictures<Dim>::difference_before, bar),
+        figure("Difference after", "registered - fixed", &Pictures<Dim>::difference_after, bar)};
     // Flat pictures stand three in a row, volumes two.
     (Dim == 2 ? match : images)
         .push_back(figure("Checkerboard", "fixed and registered by turns", &Pictures<Dim>::checkerboard));
-    const std::vector<std::string> deformation{
-        displacement_figure(),
-        figure("Jacobian determinant", "blue shrinks, red grows, magenta folds", &Pictures<Dim>::jacobian, jacobian_bar()),
-        grid_figure()};
+    const std::vector<std::string> deformation{displacement_figure(),
+                                               figure("Jacobian determinant", "blue shrinks, red grows, magenta folds",
+                                                      &Pictures<Dim>::jacobian, jacobian_bar()),
+                                               grid_figure()};
     return "<section><h2>Images</h2>" + where() + gallery(images) + "</section>\n<section><h2>Match</h2>" +
            gallery(match) + "</section>\n<section><h2>Deformation</h2>" + gallery(deformation) + "</section>\n" +
            momenta_section();
@@ -99,15 +100,14 @@ class Figures {
   }
 
   static std::string caption(const std::string& title, const std::string& explanation) {
-    return "<figcaption><b>" + escaped(title) + "</b>" +
-           " <span>" + escaped(explanation) + "</span></figcaption>";
+    return "<figcaption><b>" + escaped(title) + "</b>" + " <span>" + escaped(explanation) + "</span></figcaption>";
   }
 
   std::string figure(const std::string& title, const std::string& explanation, Painter painter,
                      const std::string& bar = "") const {
-    return "<figure>" + caption(title, explanation) + panels([&](const SlicePlane<Dim>& plane) {
-             return image(plane, (pictures_.*painter)(plane), title);
-           }) + bar + "</figure>\n";
+    return "<figure>" + caption(title, explanation) +
+           panels([&](const SlicePlane<Dim>& plane) { return image(plane, (pictures_.*painter)(plane), title); }) +
+           bar + "</figure>\n";
   }
 
   static std::string overlay(const SlicePlane<Dim>& plane, const std::string& kind, const std::string& path) {
@@ -119,8 +119,10 @@ class Figures {
     return "<figure>" + caption("Displacement", "length of u(x); arrows: from x towards x + u(x)") +
            panels([&](const SlicePlane<Dim>& plane) {
              return image(plane, pictures_.displacement(plane), "Displacement") +
-                    overlay(plane, "arrows", arrow_path(input_.result->displacement, plane, pictures_.displacement_range()));
-           }) + displacement_bar() + "</figure>\n";
+                    overlay(plane, "arrows",
+                            arrow_path(input_.result->displacement, plane, pictures_.displacement_range()));
+           }) +
+           displacement_bar() + "</figure>\n";
   }
 
   std::string grid_figure() const {
@@ -128,7 +130,8 @@ class Figures {
            panels([&](const SlicePlane<Dim>& plane) {
              return image(plane, pictures_.moving(plane), "Deformed grid") +
                     overlay(plane, "lines", deformed_grid_path(input_.result->displacement, plane));
-           }) + "</figure>\n";
+           }) +
+           "</figure>\n";
   }
 
   std::string displacement_bar() const {
@@ -145,20 +148,19 @@ class Figures {
   std::string momenta_section() const {
     const auto& momenta = input_.result->momenta;
     if (momenta.empty()) return "";
-    std::string html = "<section><h2>Initial momenta</h2><p>Length of the momentum vectors; bright is large, the image "
-                       "shows through where there is none.</p>";
+    std::string html =
+        "<section><h2>Initial momenta</h2><p>Length of the momentum vectors; bright is large, the image "
+        "shows through where there is none.</p>";
     std::vector<std::string> figures;
     for (std::size_t i = 0; i < momenta.size(); ++i) {
       const MomentumField<Dim>& field = momenta[i];
       const std::string order = field.axis < 0 ? "Order 0" : std::string("Order 1, axis ") + "xyz"[field.axis];
-      figures.push_back("<figure>" +
-                        caption(order, field.kernel + " kernel, width " + number(field.width_mm) + " mm") +
-                        panels([&](const SlicePlane<Dim>& plane) {
-                          return image(plane, pictures_.momentum(plane, i), order);
-                        }) +
-                        colour_bar([](double t) { return heat(0.35 + 0.65 * t); },
-                                   {"0", number(pictures_.momentum_range(i) / 2), number(pictures_.momentum_range(i))}, "") +
-                        "</figure>\n");
+      figures.push_back(
+          "<figure>" + caption(order, field.kernel + " kernel, width " + number(field.width_mm) + " mm") +
+          panels([&](const SlicePlane<Dim>& plane) { return image(plane, pictures_.momentum(plane, i), order); }) +
+          colour_bar([](double t) { return heat(0.35 + 0.65 * t); },
+                     {"0", number(pictures_.momentum_range(i) / 2), number(pictures_.momentum_range(i))}, "") +
+          "</figure>\n");
     }
     return html + gallery(figures) + "</section>\n";
   }

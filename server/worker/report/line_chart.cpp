@@ -67,20 +67,22 @@ std::string to_svg(const LineChart& chart) {
   std::ostringstream svg;
   svg.precision(5);
   svg << "<svg class=\"chart\" viewBox=\"0 0 " << width << ' ' << height << "\" role=\"img\" aria-label=\""
-      << escaped(chart.title) << "\">\n<text class=\"chart-title\" x=\"" << left << "\" y=\"19\">" << escaped(chart.title)
-      << "</text>\n";
+      << escaped(chart.title) << "\">\n<text class=\"chart-title\" x=\"" << left << "\" y=\"19\">"
+      << escaped(chart.title) << "</text>\n";
   const double y_step = tick_step(y), x_step = chart.x_is_whole ? std::max(1.0, tick_step(x)) : tick_step(x);
   for (double tick = std::ceil(y.low / y_step - 1e-9) * y_step; tick <= y.high + y_step * 1e-9; tick += y_step)
     svg << "<line class=\"rule\" x1=\"" << left << "\" x2=\"" << width - right << "\" y1=\"" << to_y(tick) << "\" y2=\""
-        << to_y(tick) << "\"/><text class=\"tick\" text-anchor=\"end\" x=\"" << left - 6 << "\" y=\"" << to_y(tick) + 3.5
-        << "\">" << tick_text(tick / y_scale, y_step / y_scale) << "</text>\n";
+        << to_y(tick) << "\"/><text class=\"tick\" text-anchor=\"end\" x=\"" << left - 6 << "\" y=\""
+        << to_y(tick) + 3.5 << "\">" << tick_text(tick / y_scale, y_step / y_scale) << "</text>\n";
   for (double tick = std::ceil(x.low / x_step - 1e-9) * x_step; tick <= x.high + x_step * 1e-9; tick += x_step)
     svg << "<line class=\"rule\" x1=\"" << to_x(tick) << "\" x2=\"" << to_x(tick) << "\" y1=\"" << height - bottom
         << "\" y2=\"" << height - bottom + 4 << "\"/><text class=\"tick\" text-anchor=\"middle\" x=\"" << to_x(tick)
         << "\" y=\"" << height - bottom + 16 << "\">" << tick_text(tick, x_step) << "</text>\n";
   svg << "<text class=\"label\" text-anchor=\"middle\" x=\"" << (left + width - right) / 2 << "\" y=\"" << height - 8
-      << "\">" << escaped(chart.x_label) << "</text>\n<text class=\"label\" text-anchor=\"middle\" transform=\"translate(12 "
-      << (top + height - bottom) / 2 << ") rotate(-90)\">" << escaped(y_scale == 1 ? chart.y_label : chart.y_label + " / " + number(y_scale, 1)) << "</text>\n";
+      << "\">" << escaped(chart.x_label)
+      << "</text>\n<text class=\"label\" text-anchor=\"middle\" transform=\"translate(12 "
+      << (top + height - bottom) / 2 << ") rotate(-90)\">"
+      << escaped(y_scale == 1 ? chart.y_label : chart.y_label + " / " + number(y_scale, 1)) << "</text>\n";
   double legend = left;
   for (std::size_t i = 0; i < chart.curves.size(); ++i) {
     const Curve& curve = chart.curves[i];

@@ -7,13 +7,13 @@
 namespace saltus::report {
 
 struct Curve {
-  std::string name;  ///< in the legend
+  std::string name;                               ///< in the legend
   std::vector<std::pair<double, double>> points;  ///< x ascending
 };
 
 struct LineChart {
   std::string title, x_label, y_label;
-  std::vector<Curve> curves;  ///< at most four, told apart by the page's classes curve0 ... curve3
+  std::vector<Curve> curves;      ///< at most four, told apart by the page's classes curve0 ... curve3
   bool y_starts_at_zero = false;  ///< instead of at the least value
   bool x_is_whole = false;        ///< x counts something: no ticks between whole numbers
 };

@@ -38,7 +38,8 @@ std::optional<LandmarkMeasures> measure_landmarks(const ReportInput<Dim>& input)
                        " moving landmarks; give as many of the one as of the other");
   if (fixed.empty()) return std::nullopt;
   const AffineMap<Dim>& start = input.input->start;
-  LandmarkMeasures found{landmark_distances(fixed, moving), {}, landmark_errors(input.result->displacement, fixed, moving)};
+  LandmarkMeasures found{
+      landmark_distances(fixed, moving), {}, landmark_errors(input.result->displacement, fixed, moving)};
   if (start == AffineMap<Dim>{}) return found;
   std::vector<Vector<Dim>> started;
   for (const Vector<Dim>& point : fixed) started.push_back(start(point));
@@ -54,9 +55,9 @@ double active_share(const VectorVolume<Dim>& momentum) {
   return static_cast<double>(active) / static_cast<double>(sites);
 }
 
-#define SALTUS_MEASURES(DIM)                                                                        \
-  template DisplacementMeasures measure_displacement(const VectorVolume<DIM>&);                     \
-  template std::optional<LandmarkMeasures> measure_landmarks(const ReportInput<DIM>&);              \
+#define SALTUS_MEASURES(DIM)                                                           \
+  template DisplacementMeasures measure_displacement(const VectorVolume<DIM>&);        \
+  template std::optional<LandmarkMeasures> measure_landmarks(const ReportInput<DIM>&); \
   template double active_share(const VectorVolume<DIM>&);
 SALTUS_MEASURES(2)
 SALTUS_MEASURES(3)

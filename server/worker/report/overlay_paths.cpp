@@ -53,7 +53,8 @@ std::string arrow_path(const VectorVolume<Dim>& displacement, const SlicePlane<D
       const Vector<Dim> index = plane.index_at(column, row, grid);
       const Vector<Dim> moved = grid.to_index(grid.to_world(index) + sample(displacement, index));
       const Vector<2> middle(column, row);
-      const Vector<2> arrow = (plane.picture_point(moved, grid) - middle) * plane.pixel_mm / longest_mm * 0.9 * distance;
+      const Vector<2> arrow =
+          (plane.picture_point(moved, grid) - middle) * plane.pixel_mm / longest_mm * 0.9 * distance;
       // What is too short for a head would only be dirt.
       if (!(arrow.norm() > 0.12 * distance)) continue;
       const Vector<2> tip = middle + arrow / 2, across(-arrow[1], arrow[0]);

@@ -51,16 +51,21 @@ Pictures<Dim>::Pictures(const ReportInput<Dim>& input) : input_(input) {
     }
     return index;
   };
-  difference_range_ = std::max(0.02, quantile_of_sorted(thinned_and_sorted(grid.voxels(), [&](std::size_t voxel) {
-                                       const Vector<Dim> index = index_of(voxel);
-                                       return std::abs(moving_at(index) - fixed_at(index));
-                                     }), 0.99));
+  difference_range_ =
+      std::max(0.02, quantile_of_sorted(thinned_and_sorted(grid.voxels(),
+                                                           [&](std::size_t voxel) {
+                                                             const Vector<Dim> index = index_of(voxel);
+                                                             return std::abs(moving_at(index) - fixed_at(index));
+                                                           }),
+                                        0.99));
   displacement_range_ = measure_displacement(result.displacement).max_mm;
   if (!(displacement_range_ > 0)) displacement_range_ = 1;
-  const double logarithm = quantile_of_sorted(thinned_and_sorted(grid.voxels(), [&](std::size_t voxel) {
-                                      const double j = result.jacobian.samples[voxel];
-                                      return j > 0 ? std::abs(std::log2(j)) : 0.0;
-                                    }), 0.999);
+  const double logarithm = quantile_of_sorted(thinned_and_sorted(grid.voxels(),
+                                                                 [&](std::size_t voxel) {
+                                                                   const double j = result.jacobian.samples[voxel];
+                                                                   return j > 0 ? std::abs(std::log2(j)) : 0.0;
+                                                                 }),
+                                              0.999);
   jacobian_range_ = std::exp2(std::clamp(logarithm, std::log2(1.1), 2.0));
   // The first-order fields of one kernel share a scale: which axis carries the jump is what one wants to see.
   for (const MomentumField<Dim>& field : result.momenta) {

@@ -23,9 +23,9 @@ class Pictures {
   Raster jacobian(const SlicePlane<Dim>& plane) const;
   Raster momentum(const SlicePlane<Dim>& plane, std::size_t field) const;
 
-  double difference_range() const { return difference_range_; }  ///< shares of the intensity window, each way
+  double difference_range() const { return difference_range_; }      ///< shares of the intensity window, each way
   double displacement_range() const { return displacement_range_; }  ///< mm
-  double jacobian_range() const { return jacobian_range_; }  ///< the colours end at 1/range and range, > 1
+  double jacobian_range() const { return jacobian_range_; }          ///< the colours end at 1/range and range, > 1
   double momentum_range(std::size_t field) const { return momentum_ranges_[field]; }
 
  private:

@@ -17,10 +17,10 @@ struct ReportInput {
   const RegistrationInput<Dim>* input = nullptr;
   const RegistrationResult<Dim>* result = nullptr;
   const RegistrationOptions* options = nullptr;
-  std::vector<Vector<Dim>> fixed_points;   ///< landmarks, world mm (LPS); none, or as many as moving_points
+  std::vector<Vector<Dim>> fixed_points;  ///< landmarks, world mm (LPS); none, or as many as moving_points
   std::vector<Vector<Dim>> moving_points;
-  std::string title;                       ///< shown on the page; any text
-  std::size_t peak_memory_bytes = 0;       ///< 0: not known
+  std::string title;                            ///< shown on the page; any text
+  std::size_t peak_memory_bytes = 0;            ///< 0: not known
   std::map<std::string, double> stage_seconds;  ///< wall seconds of what was done around the registration, by name
 };
 

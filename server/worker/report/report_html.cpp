@@ -49,21 +49,26 @@ std::string cards(const ReportInput<Dim>& input, const std::optional<LandmarkMea
   }
   html += similarity_card(summary, to_string(input.options->similarity));
   const DisplacementMeasures displacement = measure_displacement(input.result->displacement);
-  html += card("Displacement, largest", number(displacement.max_mm) + " mm", "mean " + number(displacement.mean_mm) + " mm");
+  html += card("Displacement, largest", number(displacement.max_mm) + " mm",
+               "mean " + number(displacement.mean_mm) + " mm");
   const JacobianStatistics jacobian = jacobian_statistics(input.result->jacobian);
-  html += card("Folded voxels (J \u2264 0)", percentage(jacobian.share_not_positive),
-               "J from " + number(jacobian.min) + " to " + number(jacobian.max) + ", sd log J " + number(jacobian.sd_log));
-  html += card("Inverse consistency", number(summary.inverse_consistency_mm) + " mm",
-               summary.hamiltonian_drift >= 0 ? "median; drift of the Hamiltonian " + percentage(summary.hamiltonian_drift)
-                                              : "median over the moving image");
+  html +=
+      card("Folded voxels (J \u2264 0)", percentage(jacobian.share_not_positive),
+           "J from " + number(jacobian.min) + " to " + number(jacobian.max) + ", sd log J " + number(jacobian.sd_log));
+  html +=
+      card("Inverse consistency", number(summary.inverse_consistency_mm) + " mm",
+           summary.hamiltonian_drift >= 0 ? "median; drift of the Hamiltonian " + percentage(summary.hamiltonian_drift)
+                                          : "median over the moving image");
   const bool has_first_order = std::any_of(input.result->momenta.begin(), input.result->momenta.end(),
                                            [](const MomentumField<Dim>& field) { return field.axis >= 0; });
   if (has_first_order)
     html += card("Active first-order sites", percentage(summary.active_first_order_share),
                  "share of the sites whose momentum is not zero");
-  html += card("Time", number(summary.seconds) + " s", number(summary.cpu_seconds) + " s of CPU, " + to_string(summary.termination));
+  html += card("Time", number(summary.seconds) + " s",
+               number(summary.cpu_seconds) + " s of CPU, " + to_string(summary.termination));
   if (input.peak_memory_bytes > 0)
-    html += card("Memory, peak", number(static_cast<double>(input.peak_memory_bytes) / (1 << 20)) + " MiB", "of the worker");
+    html += card("Memory, peak", number(static_cast<double>(input.peak_memory_bytes) / (1 << 20)) + " MiB",
+                 "of the worker");
   return html + "</div>\n";
 }
 
@@ -93,7 +98,8 @@ std::string convergence_section(const RegistrationSummary& summary) {
                     std::to_string(level.evaluations), number(level.energy_before, 4), number(level.energy_after, 4),
                     to_string(level.termination), number(level.seconds), number(level.cpu_seconds)});
   html += table({"level", "grid", "spacing [mm]", "iterations", "evaluations", "energy before", "energy after", "ended",
-                 "seconds", "CPU seconds"}, rows);
+                 "seconds", "CPU seconds"},
+                rows);
   return html + "</section>\n";
 }
 
@@ -108,8 +114,11 @@ Curve distribution(const std::string& name, std::vector<double> errors) {
 
 std::string landmark_section(const LandmarkMeasures& landmarks) {
   std::vector<std::vector<std::string>> rows;
-  LineChart chart{.title = "Landmarks with at most this error", .x_label = "error [mm]", .y_label = "share [%]",
-                  .curves = {}, .y_starts_at_zero = true};
+  LineChart chart{.title = "Landmarks with at most this error",
+                  .x_label = "error [mm]",
+                  .y_label = "share [%]",
+                  .curves = {},
+                  .y_starts_at_zero = true};
   const auto add = [&](const std::string& name, const std::vector<double>& errors) {
     const Statistics found = summarise(errors);
     rows.push_back({name, std::to_string(found.n), number(found.mean), number(found.sd), number(found.median),
@@ -131,8 +140,10 @@ std::string settings_section(const ReportInput<Dim>& input) {
   for (const ParameterInfo& parameter : list_parameters(options))
     rows.push_back({parameter.name, parameter.value, parameter.unit, parameter.description});
   std::string html = "<section><h2>Images and settings</h2>";
-  html += "<div class=\"narrow\">" + table({"image", "grid"}, {{"fixed", describe(input.input->fixed.grid)},
-                                                             {"moving", describe(input.input->moving.grid)}}) + "</div>";
+  html += "<div class=\"narrow\">" +
+          table({"image", "grid"},
+                {{"fixed", describe(input.input->fixed.grid)}, {"moving", describe(input.input->moving.grid)}}) +
+          "</div>";
   html += "<div class=\"settings\">" + table({"parameter", "value", "unit", "meaning"}, rows) + "</div>";
   return html + "</section>\n";
 }
@@ -144,7 +155,8 @@ std::string timing_section(const ReportInput<Dim>& input) {
   std::stable_sort(stages.begin(), stages.end(), [](const auto& a, const auto& b) { return a.second > b.second; });
   std::vector<std::vector<std::string>> rows;
   for (const auto& [name, seconds] : stages) rows.push_back({name, number(seconds)});
-  return "<section><h2>Timings</h2><div class=\"narrow\">" + table({"stage", "wall seconds"}, rows) + "</div></section>\n";
+  return "<section><h2>Timings</h2><div class=\"narrow\">" + table({"stage", "wall seconds"}, rows) +
+         "</div></section>\n";
 }
 
 }  // namespace
@@ -154,19 +166,21 @@ std::string report_html(const ReportInput<Dim>& input) {
   const auto landmarks = measure_landmarks(input);
   const RegistrationOptions& options = *input.options;
   const std::string title = escaped(input.title.empty() ? "Registration" : input.title);
-  std::string html = "<!DOCTYPE html>\n<html lang=\"en\"><head><meta charset=\"utf-8\"><meta name=\"viewport\" "
-                     "content=\"width=device-width, initial-scale=1\"><title>" + title + "</title><style>" + page_style +
-                     "</style></head><body><main>\n<h1>" + title + "</h1>\n<p class=\"lead\">Model " +
-                     to_string(options.model) + ", similarity " + to_string(options.similarity) + ", preset " +
-                     to_string(options.preset) + "; fixed image " + describe(input.input->fixed.grid) + "</p>\n";
+  std::string html =
+      "<!DOCTYPE html>\n<html lang=\"en\"><head><meta charset=\"utf-8\"><meta name=\"viewport\" "
+      "content=\"width=device-width, initial-scale=1\"><title>" +
+      title + "</title><style>" + page_style + "</style></head><body><main>\n<h1>" + title +
+      "</h1>\n<p class=\"lead\">Model " + to_string(options.model) + ", similarity " + to_string(options.similarity) +
+      ", preset " + to_string(options.preset) + "; fixed image " + describe(input.input->fixed.grid) + "</p>\n";
   html += cards(input, landmarks);
   html += figure_sections(input);
   if (landmarks) html += landmark_section(*landmarks);
   html += convergence_section(input.result->summary);
   html += settings_section(input);
   html += timing_section(input);
-  html += "<footer>Displacements are millimetres in world coordinates (LPS): fixed(x) corresponds to moving(x + u(x)). "
-          "Written by saltus.</footer>\n</main></body></html>\n";
+  html +=
+      "<footer>Displacements are millimetres in world coordinates (LPS): fixed(x) corresponds to moving(x + u(x)). "
+      "Written by saltus.</footer>\n</main></body></html>\n";
   return html;
 }
 

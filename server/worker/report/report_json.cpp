@@ -1,7 +1,7 @@
 #include "core/evaluation/jacobian.h"
 #include "core/evaluation/statistics.h"
-#include "server/worker/report/measures.h"
 #include "core/registration/register_images.h"
+#include "server/worker/report/measures.h"
 #include "server/worker/report/report.h"
 
 #include <nlohmann/json.hpp>
@@ -28,7 +28,9 @@ Json rows(const Matrix<Dim>& matrix) {
 
 template <int Dim>
 Json describe(const ImageGrid<Dim>& grid) {
-  return {{"size", grid.size}, {"spacing_mm", list(grid.spacing)}, {"origin_mm", list(grid.origin)},
+  return {{"size", grid.size},
+          {"spacing_mm", list(grid.spacing)},
+          {"origin_mm", list(grid.origin)},
           {"direction", rows<Dim>(grid.direction)}};
 }
 
@@ -36,7 +38,9 @@ Json describe(const ImageGrid<Dim>& grid) {
 Json value_of(const std::string& text) {
   if (text == "true" || text == "false") return text == "true";
   const char* const last = text.data() + text.size();
-  const auto is_whole = [last](const std::from_chars_result& read) { return read.ec == std::errc() && read.ptr == last; };
+  const auto is_whole = [last](const std::from_chars_result& read) {
+    return read.ec == std::errc() && read.ptr == last;
+  };
   int count = 0;
   if (is_whole(std::from_chars(text.data(), last, count))) return count;
   double number = 0;
@@ -99,11 +103,13 @@ std::string report_json(const ReportInput<Dim>& input) {
   json["model"] = to_string(options.model);
   json["similarity"] = to_string(options.similarity);
   json["preset"] = to_string(options.preset);
-  for (const ParameterInfo& parameter : list_parameters(options)) json["parameters"][parameter.name] = value_of(parameter.value);
+  for (const ParameterInfo& parameter : list_parameters(options))
+    json["parameters"][parameter.name] = value_of(parameter.value);
   json["threads"] = options.threads;
   json["fixed"] = describe(input.input->fixed.grid);
   json["moving"] = describe(input.input->moving.grid);
-  json["affine_start"] = {{"linear", rows<Dim>(input.input->start.linear)}, {"offset_mm", list(input.input->start.offset)}};
+  json["affine_start"] = {{"linear", rows<Dim>(input.input->start.linear)},
+                          {"offset_mm", list(input.input->start.offset)}};
 
   json["termination"] = to_string(summary.termination);
   json["similarity_value"] = {{"before", summary.similarity_before}, {"after", summary.similarity_after}};
@@ -115,7 +121,9 @@ std::string report_json(const ReportInput<Dim>& input) {
   const DisplacementMeasures displacement = measure_displacement(result.displacement);
   json["displacement_mm"] = {{"mean", displacement.mean_mm}, {"max", displacement.max_mm}};
   const JacobianStatistics jacobian = jacobian_statistics(result.jacobian);
-  json["jacobian"] = {{"min", jacobian.min}, {"max", jacobian.max}, {"share_not_positive", jacobian.share_not_positive},
+  json["jacobian"] = {{"min", jacobian.min},
+                      {"max", jacobian.max},
+                      {"share_not_positive", jacobian.share_not_positive},
                       {"sd_log", jacobian.sd_log}};
   json["inverse_consistency_mm"] = summary.inverse_consistency_mm;
   if (summary.hamiltonian_drift >= 0) json["hamiltonian_drift"] = summary.hamiltonian_drift;

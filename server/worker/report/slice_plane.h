@@ -11,14 +11,14 @@ namespace saltus::report {
 /// in millimetres, so anisotropic voxels look right.
 template <int Dim>
 struct SlicePlane {
-  std::string name;        ///< "" in 2-D; else "axial", "coronal", "sagittal", or the grid plane of an oblique image
-  int right_axis = 0;      ///< grid axis along the picture's rows
-  int down_axis = 1;       ///< grid axis along its columns
-  int slice_axis = -1;     ///< the third axis, -1 in 2-D
+  std::string name;     ///< "" in 2-D; else "axial", "coronal", "sagittal", or the grid plane of an oblique image
+  int right_axis = 0;   ///< grid axis along the picture's rows
+  int down_axis = 1;    ///< grid axis along its columns
+  int slice_axis = -1;  ///< the third axis, -1 in 2-D
   bool right_is_reversed = false;  ///< the picture runs against the grid axis
   bool down_is_reversed = false;
   Vector<Dim> position = Vector<Dim>::Zero();  ///< continuous index of a point of the plane
-  int width = 0;           ///< pixels
+  int width = 0;                               ///< pixels
   int height = 0;
   double pixel_mm = 1;
   std::string right_label, left_label, top_label, bottom_label;  ///< "R", "L", "A", "P", "S", "I", or "" in 2-D

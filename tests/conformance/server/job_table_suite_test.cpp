@@ -30,9 +30,8 @@ class JobTableSuite : public ::testing::Test {
  protected:
   void write(const JobStore::Operation& operation) {
     std::promise<void> done;
-    factory.get().write(operation, [&](std::exception_ptr error) {
-      error ? done.set_exception(error) : done.set_value();
-    });
+    factory.get().write(operation,
+                        [&](std::exception_ptr error) { error ? done.set_exception(error) : done.set_value(); });
     done.get_future().get();
   }
   JobRecord insert(const std::string& id, JobState state = JobState::Queued) {

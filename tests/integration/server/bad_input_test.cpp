@@ -25,74 +25,111 @@ const std::vector<Case>& cases() {
       {"no spec", [](Request& r) { r.clear_spec(); }, {"spec is not set", "say which images"}},
       {"no fixed", [](Request& r) { r.mutable_spec()->clear_fixed(); }, {"spec.fixed is not set", "upload"}},
       {"no moving", [](Request& r) { r.mutable_spec()->clear_moving(); }, {"spec.moving is not set", "upload"}},
-      {"digest", [](Request& r) { r.mutable_spec()->mutable_fixed()->set_digest("abc"); },
+      {"digest",
+       [](Request& r) { r.mutable_spec()->mutable_fixed()->set_digest("abc"); },
        {"spec.fixed.digest is 'abc'", "64 lower-case hex digits"}},
       {"upper-case digest",
        [](Request& r) { r.mutable_spec()->mutable_moving()->set_digest("sha256:" + std::string(64, 'A')); },
        {"spec.moving.digest", "lower-case"}},
-      {"absent input", [](Request& r) { r.mutable_spec()->mutable_fixed()->set_digest(kAbsent); },
-       {kAbsent, "upload it"}, grpc::StatusCode::FAILED_PRECONDITION, "INPUT_MISSING"},
-      {"format", [](Request& r) { r.mutable_spec()->mutable_fixed()->set_format("mhd"); },
+      {"absent input",
+       [](Request& r) { r.mutable_spec()->mutable_fixed()->set_digest(kAbsent); },
+       {kAbsent, "upload it"},
+       grpc::StatusCode::FAILED_PRECONDITION,
+       "INPUT_MISSING"},
+      {"format",
+       [](Request& r) { r.mutable_spec()->mutable_fixed()->set_format("mhd"); },
        {"spec.fixed.format is 'mhd'", "mha, nii, nii.gz, nrrd, png"}},
       {"mask format",
-       [](Request& r) { *r.mutable_spec()->mutable_fixed_mask() = r.spec().fixed();
-                        r.mutable_spec()->mutable_fixed_mask()->set_format("csv"); },
+       [](Request& r) {
+         *r.mutable_spec()->mutable_fixed_mask() = r.spec().fixed();
+         r.mutable_spec()->mutable_fixed_mask()->set_format("csv");
+       },
        {"spec.fixed_mask.format is 'csv'"}},
-      {"moving mask digest", [](Request& r) { r.mutable_spec()->mutable_moving_mask()->set_format("mha"); },
+      {"moving mask digest",
+       [](Request& r) { r.mutable_spec()->mutable_moving_mask()->set_format("mha"); },
        {"spec.moving_mask.digest is ''"}},
       {"one point file",
-       [](Request& r) { *r.mutable_spec()->mutable_fixed_points() = r.spec().fixed();
-                        r.mutable_spec()->mutable_fixed_points()->set_format("csv"); },
+       [](Request& r) {
+         *r.mutable_spec()->mutable_fixed_points() = r.spec().fixed();
+         r.mutable_spec()->mutable_fixed_points()->set_format("csv");
+       },
        {"spec.moving_points is not set", "both point files or none"}},
       {"point format",
-       [](Request& r) { *r.mutable_spec()->mutable_fixed_points() = r.spec().fixed();
-                        *r.mutable_spec()->mutable_moving_points() = r.spec().moving(); },
+       [](Request& r) {
+         *r.mutable_spec()->mutable_fixed_points() = r.spec().fixed();
+         *r.mutable_spec()->mutable_moving_points() = r.spec().moving();
+       },
        {"spec.fixed_points.format is 'mha'", "csv"}},
       {"model", [](Request& r) { r.mutable_spec()->set_model("magic"); }, {"model is 'magic'", "sliding"}},
       {"similarity", [](Request& r) { r.mutable_spec()->set_similarity("magic"); }, {"similarity is 'magic'", "lncc"}},
       {"preset", [](Request& r) { r.mutable_spec()->set_preset("magic"); }, {"preset is 'magic'", "balanced"}},
-      {"long model", [](Request& r) { r.mutable_spec()->set_model(std::string(5000, 'x')); },
+      {"long model",
+       [](Request& r) { r.mutable_spec()->set_model(std::string(5000, 'x')); },
        {"spec.model is 'xxx", "at most 128"}},
-      {"setting name", [](Request& r) { (*r.mutable_spec()->mutable_settings())["magic"] = "1"; }, {"'magic'", "--set help"}},
-      {"setting value", [](Request& r) { (*r.mutable_spec()->mutable_settings())["time_steps"] = "-1"; },
+      {"setting name",
+       [](Request& r) { (*r.mutable_spec()->mutable_settings())["magic"] = "1"; },
+       {"'magic'", "--set help"}},
+      {"setting value",
+       [](Request& r) { (*r.mutable_spec()->mutable_settings())["time_steps"] = "-1"; },
        {"time_steps is '-1'", "must be"}},
       {"setting value with control characters",
-       [](Request& r) { (*r.mutable_spec()->mutable_settings())["time_steps"] = "1\n2"; }, {"time_steps", "'1?2'", "printable"}},
+       [](Request& r) { (*r.mutable_spec()->mutable_settings())["time_steps"] = "1\n2"; },
+       {"time_steps", "'1?2'", "printable"}},
       {"settings together",
        [](Request& r) {
          (*r.mutable_spec()->mutable_settings())["levels"] = "3";
          (*r.mutable_spec()->mutable_settings())["finest_level"] = "4";
        },
        {"finest_level is 4", "less than levels"}},
-      {"affine", [](Request& r) { r.mutable_spec()->set_affine(static_cast<v1::AffineStart>(9)); },
+      {"affine",
+       [](Request& r) { r.mutable_spec()->set_affine(static_cast<v1::AffineStart>(9)); },
        {"spec.affine is 9", "rigid"}},
-      {"window", [](Request& r) { r.mutable_spec()->mutable_intensity_window()->set_low(5);
-                                  r.mutable_spec()->mutable_intensity_window()->set_high(5); },
+      {"window",
+       [](Request& r) {
+         r.mutable_spec()->mutable_intensity_window()->set_low(5);
+         r.mutable_spec()->mutable_intensity_window()->set_high(5);
+       },
        {"spec.intensity_window is 5,5", "low must be less than high"}},
       {"infinite window",
-       [](Request& r) { r.mutable_spec()->mutable_intensity_window()->set_high(HUGE_VAL); }, {"spec.intensity_window", "finite"}},
-      {"NaN window", [](Request& r) { r.mutable_spec()->mutable_intensity_window()->set_low(NAN); },
+       [](Request& r) { r.mutable_spec()->mutable_intensity_window()->set_high(HUGE_VAL); },
        {"spec.intensity_window", "finite"}},
-      {"crop axes", [](Request& r) { r.mutable_spec()->mutable_crop()->add_begin(1); }, {"spec.crop is [1] to []", "2 or both have 3"}},
+      {"NaN window",
+       [](Request& r) { r.mutable_spec()->mutable_intensity_window()->set_low(NAN); },
+       {"spec.intensity_window", "finite"}},
+      {"crop axes",
+       [](Request& r) { r.mutable_spec()->mutable_crop()->add_begin(1); },
+       {"spec.crop is [1] to []", "2 or both have 3"}},
       {"crop order",
-       [](Request& r) { auto* crop = r.mutable_spec()->mutable_crop();
-                        for (const int b : {0, 5}) crop->add_begin(b);
-                        for (const int e : {4, 5}) crop->add_end(e); },
+       [](Request& r) {
+         auto* crop = r.mutable_spec()->mutable_crop();
+         for (const int b : {0, 5}) crop->add_begin(b);
+         for (const int e : {4, 5}) crop->add_end(e);
+       },
        {"spec.crop is [0,5] to [4,5]", "less than end"}},
       {"crop below 0",
-       [](Request& r) { auto* crop = r.mutable_spec()->mutable_crop();
-                        for (const int b : {0, -1}) crop->add_begin(b);
-                        for (const int e : {4, 5}) crop->add_end(e); },
+       [](Request& r) {
+         auto* crop = r.mutable_spec()->mutable_crop();
+         for (const int b : {0, -1}) crop->add_begin(b);
+         for (const int e : {4, 5}) crop->add_end(e);
+       },
        {"spec.crop is [0,-1]", "at least 0"}},
-      {"output format", [](Request& r) { r.mutable_spec()->set_output_format("png"); },
+      {"output format",
+       [](Request& r) { r.mutable_spec()->set_output_format("png"); },
        {"spec.output_format is 'png'", "mha, nii.gz, nrrd"}},
       {"threads", [](Request& r) { r.mutable_spec()->set_threads(-1); }, {"spec.threads is -1", "0"}},
       {"too many threads", [](Request& r) { r.mutable_spec()->set_threads(257); }, {"spec.threads is 257", "256"}},
       {"request id", [](Request& r) { r.set_request_id(std::string(37, 'x')); }, {"request_id is 'xxx", "at most 36"}},
-      {"request id with line break", [](Request& r) { r.set_request_id("a\nb"); }, {"request_id is 'a?b'", "printable"}},
+      {"request id with line break",
+       [](Request& r) { r.set_request_id("a\nb"); },
+       {"request_id is 'a?b'", "printable"}},
       {"label name", [](Request& r) { (*r.mutable_labels())["a b"] = ""; }, {"labels is 'a b'", "letters, digits"}},
-      {"label value", [](Request& r) { (*r.mutable_labels())["a"] = std::string(257, 'x'); }, {"labels[a]", "at most 256"}},
-      {"many labels", [](Request& r) { for (int i = 0; i < 33; ++i) (*r.mutable_labels())["l" + std::to_string(i)] = ""; },
+      {"label value",
+       [](Request& r) { (*r.mutable_labels())["a"] = std::string(257, 'x'); },
+       {"labels[a]", "at most 256"}},
+      {"many labels",
+       [](Request& r) {
+         for (int i = 0; i < 33; ++i) (*r.mutable_labels())["l" + std::to_string(i)] = "";
+       },
        {"labels is a list of 33", "at most 32"}},
   };
   return all;

@@ -30,8 +30,8 @@ class DaemonTest : public ::testing::Test {
     settings.jobs = job_settings;
     settings.version = "1.2.3";
     if (!parts.launcher) parts.launcher = make_launcher();
-    daemon = std::make_unique<server::Daemon>(settings, [](const std::string& reason) { ADD_FAILURE() << reason; },
-                                              std::move(parts));
+    daemon = std::make_unique<server::Daemon>(
+        settings, [](const std::string& reason) { ADD_FAILURE() << reason; }, std::move(parts));
     connect(daemon->address());
   }
   void connect(const std::string& address) {

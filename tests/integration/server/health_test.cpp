@@ -47,7 +47,8 @@ TEST_F(Health, IsServing) {
 // ServerReflectionRequest{list_services = ""}
 TEST_F(Health, ReflectionListsTheServices) {
   start();
-  const std::string answer = ask("/grpc.reflection.v1alpha.ServerReflection/ServerReflectionInfo", std::string("\x3a\0", 2));
+  const std::string answer =
+      ask("/grpc.reflection.v1alpha.ServerReflection/ServerReflectionInfo", std::string("\x3a\0", 2));
   for (const char* service : {"saltus.v1.RegistrationService", "saltus.v1.BlobService", "saltus.v1.ServerInfoService",
                               "saltus.v1.WorkerService", "grpc.health.v1.Health"})
     EXPECT_THAT(answer, ::testing::HasSubstr(service));

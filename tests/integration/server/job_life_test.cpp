@@ -90,8 +90,7 @@ TEST_F(JobLife, TheSameRequestFromManyThreadsIsOneJob) {
   constexpr int kThreads = 16;
   std::vector<v1::RegistrationJob> answers(kThreads);
   std::vector<std::thread> threads;
-  for (auto& answer : answers)
-    threads.emplace_back([&] { EXPECT_TRUE(create(request, answer).ok()); });
+  for (auto& answer : answers) threads.emplace_back([&] { EXPECT_TRUE(create(request, answer).ok()); });
   for (auto& thread : threads) thread.join();
   for (const auto& answer : answers) EXPECT_EQ(answer.id(), answers[0].id());
 

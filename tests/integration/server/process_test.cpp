@@ -14,17 +14,18 @@ namespace saltus::server {
 namespace {
 
 namespace fs = std::filesystem;
+using ::testing::HasSubstr;
 using testing_support::ChildProcess;
 using testing_support::ProcessHandle;
-using ::testing::HasSubstr;
 
 class Process : public testing_support::DaemonTest {
  protected:
   /// Writes its process number to $folder/started-N, then `script`.
   void use_worker(const std::string& script) {
-    program = folder.write("worker", "#!/bin/sh\nfolder=" + folder.path().string() +
-                                         "\nwhile [ $# -gt 1 ]; do case $1 in --attempt) attempt=$2;; esac; shift 2; done\n" +
-                                         "echo $$ > $folder/started-$attempt\n" + script + "\n");
+    program =
+        folder.write("worker", "#!/bin/sh\nfolder=" + folder.path().string() +
+                                   "\nwhile [ $# -gt 1 ]; do case $1 in --attempt) attempt=$2;; esac; shift 2; done\n" +
+                                   "echo $$ > $folder/started-$attempt\n" + script + "\n");
     fs::permissions(program, fs::perms::owner_all);
   }
   /// With the test's own data, worker and one slot unless `arguments` says otherwise.
@@ -114,8 +115,7 @@ TEST_F(Process, RefusesWhatItCannotDoAndSaysWhy) {
   expect_refused({"--lease-seconds", "0"}, 2, "--lease-seconds");
   auto first = serve({"--listen", "127.0.0.1:0"});
   expect_refused({}, 1, "another saltusd");
-  expect_refused({"--data", folder / "other", "--listen", address}, 1,
-                 "cannot listen");
+  expect_refused({"--data", folder / "other", "--listen", address}, 1, "cannot listen");
 }
 
 TEST_F(Process, DoesNotTakeASocketFromAnotherDaemon) {

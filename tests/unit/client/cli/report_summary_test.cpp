@@ -12,18 +12,17 @@ namespace {
 using testing::HasSubstr;
 
 TEST(ReportSummary, TellsTheNumbersThatMatter) {
-  const nlohmann::json report{
-      {"model", "sliding"},
-      {"similarity", "ssd"},
-      {"preset", "fast"},
-      {"termination", "converged"},
-      {"seconds", {{"wall", 12.34}, {"cpu", 20.0}}},
-      {"peak_memory_bytes", 47009792},
-      {"similarity_value", {{"before", 74.86}, {"after", 49.52}}},
-      {"landmark_error_mm", {{"before", {{"mean", 13.51}}}, {"after", {{"mean", 2.96}}}}},
-      {"displacement_mm", {{"mean", 4.5}, {"max", 21.25}}},
-      {"jacobian", {{"min", 0.25}, {"max", 2.5}, {"share_not_positive", 0.0015}}},
-      {"inverse_consistency_mm", 0.012}};
+  const nlohmann::json report{{"model", "sliding"},
+                              {"similarity", "ssd"},
+                              {"preset", "fast"},
+                              {"termination", "converged"},
+                              {"seconds", {{"wall", 12.34}, {"cpu", 20.0}}},
+                              {"peak_memory_bytes", 47009792},
+                              {"similarity_value", {{"before", 74.86}, {"after", 49.52}}},
+                              {"landmark_error_mm", {{"before", {{"mean", 13.51}}}, {"after", {{"mean", 2.96}}}}},
+                              {"displacement_mm", {{"mean", 4.5}, {"max", 21.25}}},
+                              {"jacobian", {{"min", 0.25}, {"max", 2.5}, {"share_not_positive", 0.0015}}},
+                              {"inverse_consistency_mm", 0.012}};
   EXPECT_EQ(report_summary(report),
             "model         sliding, ssd, fast\n"
             "ended         converged after 12.3 s (20 s of CPU, 47 MB)\n"

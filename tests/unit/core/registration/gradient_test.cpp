@@ -76,8 +76,8 @@ void expect_taylor_slope_two(const Case& test) {
   double size2 = 0;
   for (double g : gradient) size2 += g * g;
 
-  // Linear interpolation has kinks at cell borders, which disturb single steps; over eight directions and a factor of 64
-  // in the step the order shows. A wrong gradient has order 1.
+  // Linear interpolation has kinks at cell borders, which disturb single steps; over eight directions and a factor of
+  // 64 in the step the order shows. A wrong gradient has order 1.
   const std::vector<double> steps = {64e-5, 16e-5, 4e-5, 1e-5};
   std::vector<double> remainders(steps.size(), 0.0);
   double slopes = 0;
@@ -118,7 +118,9 @@ std::vector<Case> all_cases() {
 
 INSTANTIATE_TEST_SUITE_P(Models, Gradient, ::testing::ValuesIn(all_cases()), [](const auto& info) {
   return to_string(info.param.model) + "_" + to_string(info.param.similarity) + (info.param.masks ? "_masks" : "") +
-         (info.param.evolution == Evolution::Exact ? "" : info.param.evolution == Evolution::PerOrder ? "_per_order" : "_carried");
+         (info.param.evolution == Evolution::Exact      ? ""
+          : info.param.evolution == Evolution::PerOrder ? "_per_order"
+                                                        : "_carried");
 });
 
 }  // namespace

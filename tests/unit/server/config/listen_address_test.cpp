@@ -14,12 +14,19 @@ TEST(ListenAddress, ReadsWhatItWrites) {
 }
 
 TEST(ListenAddress, RefusesEverythingElseAndSaysWhy) {
-  const std::pair<std::string, std::string> cases[] = {
-      {"0.0.0.0:7000", "mutual TLS"},   {"192.168.1.5:7000", "mutual TLS"}, {"[::]:7000", "mutual TLS"},
-      {"127.0.0.1", "unix:/path"},      {":7000", "unix:/path"},            {"", "unix:/path"},
-      {"127.0.0.1:x", "port"},          {"127.0.0.1:65536", "port"},        {"127.0.0.1:-1", "port"},
-      {"unix:", "begin with /"},        {"unix:here", "begin with /"},      {"127.0.0.2:7000", "mutual TLS"},
-      {"unix:/" + std::string(107, 'x'), "107 characters"}};
+  const std::pair<std::string, std::string> cases[] = {{"0.0.0.0:7000", "mutual TLS"},
+                                                       {"192.168.1.5:7000", "mutual TLS"},
+                                                       {"[::]:7000", "mutual TLS"},
+                                                       {"127.0.0.1", "unix:/path"},
+                                                       {":7000", "unix:/path"},
+                                                       {"", "unix:/path"},
+                                                       {"127.0.0.1:x", "port"},
+                                                       {"127.0.0.1:65536", "port"},
+                                                       {"127.0.0.1:-1", "port"},
+                                                       {"unix:", "begin with /"},
+                                                       {"unix:here", "begin with /"},
+                                                       {"127.0.0.2:7000", "mutual TLS"},
+                                                       {"unix:/" + std::string(107, 'x'), "107 characters"}};
   for (const auto& [text, way_out] : cases) {
     SCOPED_TRACE(text);
     try {

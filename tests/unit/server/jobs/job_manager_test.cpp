@@ -36,8 +36,8 @@ class JobManagerTest : public ::testing::Test {
     ManagerSettings settings;
     settings.slots = slots;
     settings.default_threads = 4;
-    manager = std::make_unique<JobManager>(store, blobs, *launcher, clock, ids, settings, [this] { ++wakes; },
-                                           [](const std::string&) {});
+    manager = std::make_unique<JobManager>(
+        store, blobs, *launcher, clock, ids, settings, [this] { ++wakes; }, [](const std::string&) {});
   }
 
   std::string submit(int threads = 0) {

@@ -134,7 +134,8 @@ TEST_F(JobQueueTest, CompletingTwiceTheSameWayIsOneCompletion) {
   const auto revision = table.find(taken.job.id)->revision;
   EXPECT_EQ(queue.complete(table, key(taken), taken.token, failure).state, JobState::Failed);
   EXPECT_EQ(table.find(taken.job.id)->revision, revision);
-  expect_refused([&] { queue.complete(table, key(taken), taken.token, Delivered{}); }, RefusalKind::Aborted, "LEASE_LOST");
+  expect_refused([&] { queue.complete(table, key(taken), taken.token, Delivered{}); }, RefusalKind::Aborted,
+                 "LEASE_LOST");
 }
 
 TEST_F(JobQueueTest, ADeterministicFailureIsNotRetried) {
@@ -148,10 +149,13 @@ TEST_F(JobQueueTest, ADeterministicFailureIsNotRetried) {
 TEST_F(JobQueueTest, AZombieCannotComplete) {
   const auto zombie = submit_and_take();
   queue.lose(table, key(zombie), LossCause::LeaseExpired, "");
-  expect_refused([&] { queue.complete(table, key(zombie), zombie.token, Delivered{}); }, RefusalKind::Aborted, "LEASE_LOST");
+  expect_refused([&] { queue.complete(table, key(zombie), zombie.token, Delivered{}); }, RefusalKind::Aborted,
+                 "LEASE_LOST");
   const auto current = take();
-  expect_refused([&] { queue.complete(table, key(zombie), zombie.token, Delivered{}); }, RefusalKind::Aborted, "LEASE_LOST");
-  expect_refused([&] { queue.complete(table, key(current), zombie.token, Delivered{}); }, RefusalKind::Aborted, "LEASE_LOST");
+  expect_refused([&] { queue.complete(table, key(zombie), zombie.token, Delivered{}); }, RefusalKind::Aborted,
+                 "LEASE_LOST");
+  expect_refused([&] { queue.complete(table, key(current), zombie.token, Delivered{}); }, RefusalKind::Aborted,
+                 "LEASE_LOST");
   EXPECT_EQ(queue.complete(table, key(current), current.token, Delivered{}).state, JobState::Succeeded);
 }
 

@@ -13,7 +13,8 @@ using E = JobEvent;
 constexpr S kStates[] = {S::Queued, S::Running, S::Cancelling, S::Succeeded, S::Failed, S::Cancelled};
 constexpr E kEvents[] = {E::Start, E::Succeed, E::Fail, E::Cancel, E::Stop, E::Lose, E::GiveUp, E::Release};
 
-// Oracle: the section "Jobs" of the architecture, written out by hand for every pair; a pair that is not here is refused.
+// Oracle: the section "Jobs" of the architecture, written out by hand for every pair; a pair that is not here is
+// refused.
 const std::map<std::pair<S, E>, S> kAllowed = {
     {{S::Queued, E::Start}, S::Running},         {{S::Queued, E::Cancel}, S::Cancelled},
     {{S::Running, E::Succeed}, S::Succeeded},    {{S::Running, E::Fail}, S::Failed},

@@ -29,7 +29,8 @@ class LocalLauncherTest : public ::testing::Test {
 
   /// Workers run this shell script; $folder is a folder of the test.
   void use_script(const std::string& script) {
-    const fs::path program = folder.write("worker", "#!/bin/sh\nfolder=" + folder.path().string() + "\n" + script + "\n");
+    const fs::path program =
+        folder.write("worker", "#!/bin/sh\nfolder=" + folder.path().string() + "\n" + script + "\n");
     fs::permissions(program, fs::perms::owner_all);
     launcher = std::make_unique<LocalLauncher>(
         LocalLauncherSettings{program, "unix:/nowhere", folder / "run", folder / "logs"});

@@ -57,7 +57,8 @@ TEST(SqliteJobStore, AnswersInTheOrderOfTheOperations) {
   std::vector<int> order;
   {
     SqliteJobStore store(folder / "db", expect_intact);
-    for (int i = 0; i < 300; ++i) store.write([](JobTable&) {}, [&order, i](std::exception_ptr) { order.push_back(i); });
+    for (int i = 0; i < 300; ++i)
+      store.write([](JobTable&) {}, [&order, i](std::exception_ptr) { order.push_back(i); });
   }
   ASSERT_EQ(order.size(), 300u);
   for (int i = 0; i < 300; ++i) EXPECT_EQ(order[i], i);

@@ -20,8 +20,7 @@ VectorVolume<2> uniform(const Vector<2>& u) {
   grid.size = {40, 20};
   grid.spacing = {1, 2};
   VectorVolume<2> field(grid);
-  for (int c = 0; c < 2; ++c)
-    std::fill_n(field.component(c), grid.voxels(), static_cast<float>(u[c]));
+  for (int c = 0; c < 2; ++c) std::fill_n(field.component(c), grid.voxels(), static_cast<float>(u[c]));
   return field;
 }
 

@@ -1,5 +1,5 @@
-#include "server/worker/report/colour_map.h"
 #include "server/worker/report/raster.h"
+#include "server/worker/report/colour_map.h"
 
 #include <gtest/gtest.h>
 #include <png.h>
@@ -17,7 +17,8 @@ Raster decode(const std::string& file) {
   if (!png_image_begin_read_from_memory(&image, file.data(), file.size())) throw std::runtime_error(image.message);
   image.format = PNG_FORMAT_RGB;
   Raster raster(static_cast<int>(image.width), static_cast<int>(image.height));
-  if (!png_image_finish_read(&image, nullptr, raster.pixels.data(), 0, nullptr)) throw std::runtime_error(image.message);
+  if (!png_image_finish_read(&image, nullptr, raster.pixels.data(), 0, nullptr))
+    throw std::runtime_error(image.message);
   return raster;
 }
 

@@ -48,7 +48,8 @@ TEST(ReportHtml, ClosesWhatItOpens) {
 }
 
 TEST(ReportHtml, ShowsThreePlanesOfAVolumeAndOneOfAFlatImage) {
-  EXPECT_THAT(report_html(ReportScene<3>(3).report), testing::AllOf(HasSubstr("axial"), HasSubstr("coronal"), HasSubstr("sagittal")));
+  EXPECT_THAT(report_html(ReportScene<3>(3).report),
+              testing::AllOf(HasSubstr("axial"), HasSubstr("coronal"), HasSubstr("sagittal")));
   EXPECT_THAT(report_html(ReportScene<2>(3).report), Not(HasSubstr("axial")));
 }
 
@@ -57,8 +58,8 @@ TEST(ReportHtml, ShowsTheKeyNumbers) {
   scene.add_landmark({2, 5}, 0.5);
   const std::string html = report_html(scene.report);
   EXPECT_THAT(html, HasSubstr("3.04 \u2192 0.5 mm"));  // hypot(0.5, 3)
-  EXPECT_THAT(html, HasSubstr("72 % less"));  // 9 to 2.5
-  EXPECT_THAT(html, HasSubstr("0.71 %"));     // one voxel of 140 in the interior folds
+  EXPECT_THAT(html, HasSubstr("72 % less"));           // 9 to 2.5
+  EXPECT_THAT(html, HasSubstr("0.71 %"));              // one voxel of 140 in the interior folds
   EXPECT_THAT(html, HasSubstr("2.5 s of CPU"));
 }
 

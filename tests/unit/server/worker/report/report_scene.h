@@ -29,7 +29,8 @@ struct ReportScene {
       const auto shift = static_cast<float>(x < grid.size[0] / 2 ? shift_mm : -shift_mm);
       result.displacement.component(Dim - 1)[voxel] = shift;
       result.inverse_displacement.component(Dim - 1)[voxel] = -shift;
-      images.fixed.samples[voxel] = result.warped.samples[voxel] = static_cast<float>(std::sin(0.1 * static_cast<double>(voxel)));
+      images.fixed.samples[voxel] = result.warped.samples[voxel] =
+          static_cast<float>(std::sin(0.1 * static_cast<double>(voxel)));
       images.moving.samples[voxel] = static_cast<float>(std::cos(0.1 * static_cast<double>(voxel)));
     }
     std::size_t middle = 0, stride = 1;
@@ -46,10 +47,19 @@ struct ReportScene {
     result.momenta = {smooth, jump};
 
     RegistrationSummary& summary = result.summary;
-    summary.levels = {{.level = 1, .grid = "6x8", .spacing_mm = 2, .iterations = 2, .evaluations = 3, .energy_before = 9,
-                       .energy_after = 4, .termination = Termination::Converged, .seconds = 0.5, .cpu_seconds = 0.75}};
-    summary.history = {{.level = 1, .iteration = 1, .energy = 6, .similarity = 5, .regularisation = 1, .optimality = 0.5},
-                       {.level = 1, .iteration = 2, .energy = 4, .similarity = 2.5, .regularisation = 1.5, .optimality = 0.1}};
+    summary.levels = {{.level = 1,
+                       .grid = "6x8",
+                       .spacing_mm = 2,
+                       .iterations = 2,
+                       .evaluations = 3,
+                       .energy_before = 9,
+                       .energy_after = 4,
+                       .termination = Termination::Converged,
+                       .seconds = 0.5,
+                       .cpu_seconds = 0.75}};
+    summary.history = {
+        {.level = 1, .iteration = 1, .energy = 6, .similarity = 5, .regularisation = 1, .optimality = 0.5},
+        {.level = 1, .iteration = 2, .energy = 4, .similarity = 2.5, .regularisation = 1.5, .optimality = 0.1}};
     summary.termination = Termination::Converged;
     summary.similarity_before = 9;
     summary.similarity_after = 2.5;
@@ -59,8 +69,14 @@ struct ReportScene {
     summary.inverse_consistency_mm = 0.02;
     summary.active_first_order_share = 0.25;
 
-    report = {.input = &images, .result = &result, .options = &options, .fixed_points = {}, .moving_points = {},
-              .title = "Scene", .peak_memory_bytes = 1 << 20, .stage_seconds = {{"fetching", 0.125}}};
+    report = {.input = &images,
+              .result = &result,
+              .options = &options,
+              .fixed_points = {},
+              .moving_points = {},
+              .title = "Scene",
+              .peak_memory_bytes = 1 << 20,
+              .stage_seconds = {{"fetching", 0.125}}};
   }
   ReportScene(const ReportScene&) = delete;
 
