@@ -8,6 +8,7 @@
 #include <iterator>
 #include <sstream>
 #include <string>
+#include <system_error>
 
 namespace saltus::testing_support {
 
@@ -19,7 +20,11 @@ class TemporaryFolder {
     if (!mkdtemp(name.data())) throw std::runtime_error("no temporary folder can be made");
     path_ = name;
   }
-  ~TemporaryFolder() { std::filesystem::remove_all(path_); }
+  /// Does not throw: a process that is just ending may clear its own files at the same time.
+  ~TemporaryFolder() {
+    std::error_code gone_already;
+    std::filesystem::remove_all(path_, gone_already);
+  }
   TemporaryFolder(const TemporaryFolder&) = delete;
   TemporaryFolder& operator=(const TemporaryFolder&) = delete;
 
