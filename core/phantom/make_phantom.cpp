@@ -110,33 +110,39 @@ std::unique_ptr<Scene<Dim>> make_scene(const PhantomOptions& options) {
 template <int Dim>
 Phantom<Dim> make_phantom(const PhantomOptions& options) {
   const auto scene = make_scene<Dim>(options);
-  const Volume<Dim> blank(phantom_grid<Dim>(options));
+  return sample_phantom(*scene, phantom_grid<Dim>(options), options.noise, options.seed);
+}
+
+template <int Dim>
+Phantom<Dim> sample_phantom(const Scene<Dim>& scene, const ImageGrid<Dim>& grid, double noise, std::uint64_t seed) {
+  const Volume<Dim> blank(grid);
   Phantom<Dim> phantom{.fixed = blank,
                        .moving = blank,
-                       .displacement = VectorVolume<Dim>(blank.grid),
-                       .inverse_displacement = VectorVolume<Dim>(blank.grid),
+                       .displacement = VectorVolume<Dim>(grid),
+                       .inverse_displacement = VectorVolume<Dim>(grid),
                        .masks = {blank, blank, blank, blank},
                        .fixed_labels = blank,
                        .moving_labels = blank,
                        .fixed_points = {},
                        .moving_points = {}};
-  sample_scene(*scene, phantom);
+  sample_scene(scene, phantom);
   phantom.largest_displacement_mm = largest_displacement(phantom);
 
   const auto [low, high] = std::minmax_element(phantom.moving.samples.begin(), phantom.moving.samples.end());
-  phantom.noise_sd = options.noise * (*high - *low);
-  add_noise(phantom.fixed, phantom.noise_sd, options.seed, 101);
-  add_noise(phantom.moving, phantom.noise_sd, options.seed, 102);
+  phantom.noise_sd = noise * (*high - *low);
+  add_noise(phantom.fixed, phantom.noise_sd, seed, 101);
+  add_noise(phantom.moving, phantom.noise_sd, seed, 102);
 
-  phantom.moving_points = scene->moving_landmarks();
-  for (const Vector<Dim>& point : phantom.moving_points) phantom.fixed_points.push_back(scene->to_fixed(point));
+  phantom.moving_points = scene.moving_landmarks();
+  for (const Vector<Dim>& point : phantom.moving_points) phantom.fixed_points.push_back(scene.to_fixed(point));
   return phantom;
 }
 
 #define SALTUS_INSTANTIATE(Dim)                                           \
   template ImageGrid<Dim> phantom_grid(const PhantomOptions&);            \
   template std::unique_ptr<Scene<Dim>> make_scene(const PhantomOptions&); \
-  template Phantom<Dim> make_phantom(const PhantomOptions&);
+  template Phantom<Dim> make_phantom(const PhantomOptions&);              \
+  template Phantom<Dim> sample_phantom(const Scene<Dim>&, const ImageGrid<Dim>&, double, std::uint64_t);
 SALTUS_INSTANTIATE(2)
 SALTUS_INSTANTIATE(3)
 

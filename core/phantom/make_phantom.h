@@ -1,9 +1,11 @@
 #pragma once
 
+#include <cstdint>
 #include <vector>
 
 #include "core/grid/volume.h"
 #include "core/phantom/phantom_options.h"
+#include "core/phantom/scene.h"
 
 namespace saltus {
 
@@ -37,5 +39,9 @@ struct Phantom {
 /// (256x256x94) takes seconds. Throws InvalidInput as make_scene does.
 template <int Dim>
 Phantom<Dim> make_phantom(const PhantomOptions& options);
+
+/// The same of any scene, sampled on `grid`; `noise` and `seed` as in PhantomOptions.
+template <int Dim>
+Phantom<Dim> sample_phantom(const Scene<Dim>& scene, const ImageGrid<Dim>& grid, double noise, std::uint64_t seed);
 
 }  // namespace saltus
