@@ -8,6 +8,16 @@
 namespace saltus {
 
 template <int Dim, class T>
+MomentumScale<Dim, T>::Rows::Rows(const KernelTaps& taps, double slope_factor)
+    : value(taps.value, taps.value_runs, taps.degree),
+      slope(scaled(taps.slope, slope_factor), taps.slope_runs, taps.degree - 1),
+      slope_transposed(reversed(scaled(taps.slope, slope_factor)), reversed(taps.slope_runs), taps.degree - 1),
+      curvature(taps.curvature, taps.curvature_runs, taps.degree - 2),
+      slope_gram(scaled(taps.slope_gram, slope_factor), taps.slope_gram_runs, taps.degree - 1),
+      slope_gram_transposed(reversed(scaled(taps.slope_gram, slope_factor)), reversed(taps.slope_gram_runs),
+                            taps.degree - 1) {}
+
+template <int Dim, class T>
 MomentumScale<Dim, T>::MomentumScale(const MomentumScaleOptions<Dim>& options) : options_(options) {
   const bool zeroth = has_zeroth(options.orders);
   channel_weight_ = zeroth ? options.zeroth_weight : options.first_weight;
@@ -16,14 +26,7 @@ MomentumScale<Dim, T>::MomentumScale(const MomentumScaleOptions<Dim>& options) :
   for (int axis = 0; axis < Dim; ++axis) {
     const KernelTaps taps = cell_averaged_taps(*options.kernel, options.lattice.spacing[axis]);
     curvature_at_zero_[axis] = taps.curvature[static_cast<std::size_t>(taps.radius)];
-    for (std::size_t j = 0; j < taps.value.size(); ++j) {
-      taps_[axis].value.push_back(static_cast<T>(taps.value[j]));
-      taps_[axis].slope.push_back(static_cast<T>(ratio * taps.slope[j]));
-      taps_[axis].slope_transposed.push_back(static_cast<T>(ratio * taps.slope[taps.slope.size() - 1 - j]));
-      taps_[axis].curvature.push_back(static_cast<T>(taps.curvature[j]));
-      taps_[axis].slope_gram.push_back(static_cast<T>(ratio * taps.slope_gram[j]));
-      taps_[axis].slope_gram_transposed.push_back(static_cast<T>(ratio * taps.slope_gram[taps.slope.size() - 1 - j]));
-    }
+    taps_.emplace_back(taps, ratio);
   }
   for (auto& scratch : scratch_) scratch.resize(field_size());
 }
@@ -134,10 +137,10 @@ double MomentumScale<Dim, T>::total_energy(const T* zeroth, const T* first) {
       double factor = channel_weight_ * lattice().cell_volume();
       for (int axis = 0; axis < Dim; ++axis) {
         const bool by_left = left == axis, by_right = right == axis;
-        const std::vector<T>& taps = by_left && by_right ? taps_[axis].curvature
-                                     : by_right          ? taps_[axis].slope_gram
-                                     : by_left           ? taps_[axis].slope_gram_transposed
-                                                         : taps_[axis].value;
+        const AxisTaps<T>& taps = by_left && by_right ? taps_[axis].curvature
+                                  : by_right          ? taps_[axis].slope_gram
+                                  : by_left           ? taps_[axis].slope_gram_transposed
+                                                      : taps_[axis].value;
         if (by_left && by_right) factor *= ratio * ratio;
         convolve_axis<Dim, T>(lattice(), Dim, axis, taps, Combine::Replace, smoothed.data(), next.data());
         std::swap(smoothed, next);

@@ -1,7 +1,7 @@
 #pragma once
 
 #include "core/grid/lattice.h"
-#include "core/kernels/kernel_profile.h"
+#include "core/kernels/axis_taps.h"
 
 #include <memory>
 
@@ -65,14 +65,15 @@ class MomentumScale {
   double first_order_stiffness(int axis) const;
 
  private:
-  struct AxisTaps {
-    std::vector<T> value, slope, slope_transposed, curvature, slope_gram, slope_gram_transposed;
+  struct Rows {
+    AxisTaps<T> value, slope, slope_transposed, curvature, slope_gram, slope_gram_transposed;
+    Rows(const KernelTaps& taps, double slope_factor);
   };
   const T* smooth_axes_above(int axis, const T* in);
 
   MomentumScaleOptions<Dim> options_;
   double first_order_unit_, channel_weight_;
-  std::array<AxisTaps, Dim> taps_;
+  std::vector<Rows> taps_;  ///< by axis
   std::array<double, Dim> curvature_at_zero_;
   std::vector<T> scratch_[3];
 };

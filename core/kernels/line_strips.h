@@ -1,0 +1,113 @@
+#pragma once
+
+#include "core/grid/lattice.h"
+#include "core/kernels/separable_convolution.h"
+
+#include <algorithm>
+
+namespace saltus {
+
+/// Values side by side in a strip of lines: two cache lines.
+template <class T>
+constexpr int kLanes = 128 / sizeof(T);
+
+/// Where the lines of one strip lie in a field: `count` rows, `row_stride` scalars apart, each made of `width` scalars
+/// in pieces of `piece` neighbours that are `piece_stride` apart.
+struct StripPlace {
+  int count = 0, width = 0, piece = 0;
+  std::size_t row_stride = 0, piece_stride = 0;
+
+  template <class T>
+  void read(const T* field, T* strip) const {
+    each_piece([&](std::size_t row, int k, std::size_t at, int length) {
+      std::copy_n(field + at, length, strip + row * kLanes<T> + k);
+    });
+  }
+  template <class T>
+  void write(const T* strip, T* field) const {
+    each_piece([&](std::size_t row, int k, std::size_t at, int length) {
+      std::copy_n(strip + row * kLanes<T> + k, length, field + at);
+    });
+  }
+
+ private:
+  /// copy(row, lane, place in the field, scalars), with a constant number of scalars for short pieces.
+  template <class Copy>
+  void each_piece(Copy&& copy) const {
+    if (piece == 2) return walk(copy, std::integral_constant<int, 2>());
+    if (piece == 3) return walk(copy, std::integral_constant<int, 3>());
+    walk(copy, piece);
+  }
+  template <class Copy, class Length>
+  void walk(Copy&& copy, Length length) const {
+    for (int row = 0; row < count; ++row)
+      for (int k = 0, p = 0; k < width; k += length, ++p)
+        copy(static_cast<std::size_t>(row), k, static_cast<std::size_t>(row) * row_stride + p * piece_stride, length);
+  }
+};
+
+/// Calls convolve(count, source, target) for strips of lines along `axis`, which together are the whole field: `count`
+/// rows of kLanes values each, copied out of `in` (lanes beyond the last line hold anything). It adds to `target`,
+/// which starts from 0 or, with Combine::Add, from `out`, where it goes to. A strip belongs to one thread.
+template <int Dim, class T, class Convolve>
+void for_line_strips(const Lattice<Dim>& lattice, int channels, int axis, Combine combine, const T* in, T* out,
+                     Convolve&& convolve) {
+  const int count = lattice.size[axis];
+  std::size_t inner = static_cast<std::size_t>(channels), outer = 1;
+  for (int a = 0; a < axis; ++a) inner *= static_cast<std::size_t>(lattice.size[a]);
+  for (int a = axis + 1; a < Dim; ++a) outer *= static_cast<std::size_t>(lattice.size[a]);
+  // Along x the lanes of a strip are the channels of neighbouring lines, along other axes neighbouring values.
+  const std::size_t slab = inner * static_cast<std::size_t>(count);
+  const std::size_t lines_a_strip = static_cast<std::size_t>(std::max(1, kLanes<T> / channels));
+  const std::size_t strips_a_slab = (inner + kLanes<T> - 1) / kLanes<T>;
+  const std::size_t strips = axis == 0 ? (outer + lines_a_strip - 1) / lines_a_strip : outer * strips_a_slab;
+#pragma omp parallel
+  {
+    std::vector<T> source(static_cast<std::size_t>(count) * kLanes<T>), target(source.size());
+#pragma omp for schedule(static)
+    for (std::size_t s = 0; s < strips; ++s) {
+      std::size_t at;
+      StripPlace place;
+      place.count = count;
+      place.row_stride = inner;
+      if (axis == 0) {
+        const std::size_t lines = std::min(lines_a_strip, outer - s * lines_a_strip);
+        at = s * lines_a_strip * slab;
+        place.width = static_cast<int>(lines) * channels;
+        place.piece = channels;
+        place.piece_stride = slab;
+      } else {
+        const std::size_t first = s % strips_a_slab * kLanes<T>;
+        at = s / strips_a_slab * slab + first;
+        place.width = place.piece = static_cast<int>(std::min<std::size_t>(kLanes<T>, inner - first));
+      }
+      place.read(in + at, source.data());
+      if (combine == Combine::Add)
+        place.read(out + at, target.data());
+      else
+        std::fill(target.begin(), target.end(), T(0));
+      convolve(count, source.data(), target.data());
+      place.write(target.data(), out + at);
+    }
+  }
+}
+
+/// target row i += sum over (t, tap) of tap * source row i - t, over a strip.
+template <class T, class Taps>
+inline void add_taps(const Taps& taps, int count, const T* source, T* target) {
+  for (int i = 0; i < count; ++i) {
+    T sum[kLanes<T>];
+    T* out = target + i * kLanes<T>;
+    for (int lane = 0; lane < kLanes<T>; ++lane) sum[lane] = out[lane];
+    for (const auto& [t, tap] : taps) {
+      if (i - t < 0 || i - t >= count) continue;
+      const T w = tap;
+      const T* row = source + (i - t) * kLanes<T>;
+#pragma omp simd
+      for (int lane = 0; lane < kLanes<T>; ++lane) sum[lane] += w * row[lane];
+    }
+    for (int lane = 0; lane < kLanes<T>; ++lane) out[lane] = sum[lane];
+  }
+}
+
+}  // namespace saltus
