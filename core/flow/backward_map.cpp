@@ -2,6 +2,9 @@
 
 #include "core/flow/particle_steps.h"
 
+#include <algorithm>
+#include <array>
+
 namespace saltus {
 
 template <int Dim, class T>
@@ -52,26 +55,65 @@ void BackwardMap<Dim, T>::adjoint(const std::vector<Field<T>>& velocities, const
 }
 
 template <int Dim, class T>
-Field<T> forward_map(const Lattice<Dim>& points, const Lattice<Dim>& lattice, const std::vector<Field<T>>& velocities) {
+Vector<Dim> forward_point(const Lattice<Dim>& lattice, const std::vector<Field<T>>& velocities,
+                          const Vector<Dim>& start) {
+  constexpr int kMostRounds = 12;
   const int time_steps = static_cast<int>(velocities.size()) - 1;
-  const T dt = T(1) / static_cast<T>(time_steps);
-  Field<T> position(Dim * points.sites(), T(0)), predicted(position.size());
+  const double dt = 1.0 / time_steps;
+  const double close = 1e-4 * *std::min_element(lattice.spacing.begin(), lattice.spacing.end());
+  const auto sample = [&](int node, const Vector<Dim>& at) {
+    std::array<T, Dim> coordinates;
+    for (int c = 0; c < Dim; ++c) coordinates[c] = static_cast<T>((at[c] - lattice.offset[c]) / lattice.spacing[c]);
+    const auto value = LinearCell<Dim, T>(lattice, coordinates).template value<Dim>(velocities[node].data());
+    Vector<Dim> vector;
+    for (int c = 0; c < Dim; ++c) vector[c] = value[c];
+    return vector;
+  };
+  Vector<Dim> position = start;
   for (int k = 0; k < time_steps; ++k) {
-    advance<Dim, T>(points, position.data(), position.data(), lattice, velocities[k].data(), dt, predicted.data());
-    advance<Dim, T>(points, position.data(), position.data(), lattice, velocities[k].data(), dt / 2, position.data());
-    advance<Dim, T>(points, position.data(), predicted.data(), lattice, velocities[k + 1].data(), dt / 2,
-                    position.data());
+    const auto back = [&](const Vector<Dim>& x) -> Vector<Dim> {
+      const Vector<Dim> v = sample(k + 1, x);
+      return x - 0.5 * dt * (v + sample(k, x - dt * v));
+    };
+    const Vector<Dim> target = position, v = sample(k, target);
+    position += 0.5 * dt * (v + sample(k + 1, target + dt * v));
+    Vector<Dim> missing = target - back(position), trial = position;
+    for (int round = 0; round < kMostRounds && missing.norm() > close; ++round) {
+      trial = position + missing;
+      const Vector<Dim> left = target - back(trial);
+      if (!(left.norm() < missing.norm())) break;
+      position = trial;
+      missing = left;
+    }
   }
   return position;
+}
+
+template <int Dim, class T>
+Field<T> forward_map(const Lattice<Dim>& points, const Lattice<Dim>& lattice, const std::vector<Field<T>>& velocities) {
+  Field<T> moved(Dim * points.sites());
+#pragma omp parallel for schedule(static)
+  for (int slab = 0; slab < points.size[Dim - 1]; ++slab)
+    visit_slab<Dim>(points, slab, [&](const Index<Dim>& index, std::size_t site) {
+      Vector<Dim> start;
+      for (int c = 0; c < Dim; ++c) start[c] = points.offset[c] + index[c] * points.spacing[c];
+      const Vector<Dim> end = forward_point<Dim, T>(lattice, velocities, start);
+      for (int c = 0; c < Dim; ++c) moved[Dim * site + c] = static_cast<T>(end[c] - start[c]);
+    });
+  return moved;
 }
 
 template class BackwardMap<2, float>;
 template class BackwardMap<3, float>;
 template class BackwardMap<2, double>;
 template class BackwardMap<3, double>;
-template Field<float> forward_map<2, float>(const Lattice<2>&, const Lattice<2>&, const std::vector<Field<float>>&);
-template Field<float> forward_map<3, float>(const Lattice<3>&, const Lattice<3>&, const std::vector<Field<float>>&);
-template Field<double> forward_map<2, double>(const Lattice<2>&, const Lattice<2>&, const std::vector<Field<double>>&);
-template Field<double> forward_map<3, double>(const Lattice<3>&, const Lattice<3>&, const std::vector<Field<double>>&);
+#define SALTUS_FORWARD(DIM, T)                                                                                       \
+  template Vector<DIM> forward_point<DIM, T>(const Lattice<DIM>&, const std::vector<Field<T>>&, const Vector<DIM>&); \
+  template Field<T> forward_map<DIM, T>(const Lattice<DIM>&, const Lattice<DIM>&, const std::vector<Field<T>>&);
+SALTUS_FORWARD(2, float)
+SALTUS_FORWARD(3, float)
+SALTUS_FORWARD(2, double)
+SALTUS_FORWARD(3, double)
+#undef SALTUS_FORWARD
 
 }  // namespace saltus

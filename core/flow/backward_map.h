@@ -28,7 +28,15 @@ class BackwardMap {
   ScatterPlan<Dim, T> plan_;
 };
 
-/// phi_1(y) - y on the sites of a lattice, mm: the same steps forward in time.
+/// phi_1(y) of a point in the frame, mm: the inverse of what BackwardMap::follow does to it, not another approximation
+/// of the flow. Each step of follow is undone by x <- x + (target - step(x)) from Heun's guess, which contracts by
+/// about |D v| / time_steps (at once in a pure shear), until the target is met to a thousandth of the smallest spacing
+/// or a step brings it no closer: across a jump, where psi is not onto, the nearest point found stands.
+template <int Dim, class T>
+Vector<Dim> forward_point(const Lattice<Dim>& velocity_lattice, const std::vector<Field<T>>& velocities,
+                          const Vector<Dim>& start);
+
+/// phi_1(y) - y on the sites of a lattice, mm.
 template <int Dim, class T>
 Field<T> forward_map(const Lattice<Dim>& points, const Lattice<Dim>& velocity_lattice,
                      const std::vector<Field<T>>& velocities);

@@ -1,6 +1,6 @@
 #include "core/registration/finish.h"
 
-#include "core/flow/particle_steps.h"
+#include "core/flow/backward_map.h"
 #include "core/grid/interpolation.h"
 
 #include <Eigen/LU>
@@ -52,7 +52,13 @@ Field<float> write_fields(const RegistrationInput<Dim>& input, const Lattice<Dim
   const auto frame_of = [&](const Vector<Dim>& moving_world) -> Vector<Dim> {
     return fixed.direction.transpose() * (inverse * (moving_world - input.start.offset) - fixed.origin);
   };
-  const float dt = 1.0f / static_cast<float>(time_steps);
+  constexpr int kMostRounds = 12;
+  const double close = 1e-4 * fixed.spacing.minCoeff();
+  const auto is_inside = [&](const Vector<Dim>& at) {
+    for (int axis = 0; axis < Dim; ++axis)
+      if (!(at[axis] >= 0 && at[axis] <= (fixed.size[axis] - 1) * fixed.spacing[axis])) return false;
+    return true;
+  };
   std::vector<double> consistency(moving_lattice.sites());
 #pragma omp parallel for schedule(static)
   for (int slab = 0; slab < moving_lattice.size[Dim - 1]; ++slab)
@@ -60,24 +66,26 @@ Field<float> write_fields(const RegistrationInput<Dim>& input, const Lattice<Dim
       Vector<Dim> at;
       for (int c = 0; c < Dim; ++c) at[c] = index[c];
       const Vector<Dim> world = moving.to_world(at), start = frame_of(world);
-      Vector<Dim> position = start;
-      const auto sample = [&](const Lattice<Dim>& where, const float* field, const Vector<Dim>& point) {
+      Vector<Dim> position = forward_point<Dim, float>(lattice, velocities, start);
+      // The flow is undone; what is left is that users take the displacement linearly between voxels.
+      const auto missing_at = [&](const Vector<Dim>& at) -> Vector<Dim> {
         std::array<float, Dim> coordinates;
-        for (int c = 0; c < Dim; ++c)
-          coordinates[c] = static_cast<float>((point[c] - where.offset[c]) / where.spacing[c]);
-        const auto value = LinearCell<Dim, float>(where, coordinates).template value<Dim>(field);
-        Vector<Dim> vector;
-        for (int c = 0; c < Dim; ++c) vector[c] = value[c];
-        return vector;
+        for (int c = 0; c < Dim; ++c) coordinates[c] = static_cast<float>(at[c] / fixed_lattice.spacing[c]);
+        const auto u = LinearCell<Dim, float>(fixed_lattice, coordinates).template value<Dim>(backward.data());
+        Vector<Dim> missing = start - at;
+        for (int c = 0; c < Dim; ++c) missing[c] -= u[c];
+        return missing;
       };
-      for (int k = 0; k < time_steps; ++k) {
-        const Vector<Dim> v = sample(lattice, velocities[k].data(), position);
-        const Vector<Dim> predicted = position + dt * v;
-        position += dt / 2 * (v + sample(lattice, velocities[k + 1].data(), predicted));
+      Vector<Dim> missing = missing_at(position);
+      for (int round = 0; round < kMostRounds && missing.norm() > close && is_inside(position); ++round) {
+        const Vector<Dim> trial = position + missing, left = missing_at(trial);
+        if (!(left.norm() < missing.norm()) || !is_inside(trial)) break;
+        position = trial;
+        missing = left;
       }
       const Vector<Dim> back = fixed.origin + fixed.direction * position - world;
       for (int c = 0; c < Dim; ++c) result.inverse_displacement.component(c)[site] = static_cast<float>(back[c]);
-      consistency[site] = (position + sample(fixed_lattice, backward.data(), position) - start).norm();
+      consistency[site] = missing.norm();
     });
   const auto middle = consistency.begin() + static_cast<std::ptrdiff_t>(consistency.size() / 2);
   std::nth_element(consistency.begin(), middle, consistency.end());

@@ -12,7 +12,8 @@ template <int Dim>
 AffineMap<Dim> frame_to_index(const RegistrationInput<Dim>& input);
 
 /// Fills displacement, inverse displacement, warped image, Jacobian and what the summary says of them from the
-/// velocities of a geodesic on `lattice`. Both fields are followed at full resolution, not interpolated.
+/// velocities of a geodesic on `lattice`. Both fields are followed at full resolution, not interpolated; the inverse is
+/// then brought to where the displacement, taken linearly between voxels, leads back to where it started.
 /// Returns psi(x) - x in the frame, on the fixed image's lattice.
 template <int Dim>
 Field<float> write_fields(const RegistrationInput<Dim>& input, const Lattice<Dim>& lattice,

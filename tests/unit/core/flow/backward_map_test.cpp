@@ -64,28 +64,38 @@ TEST(BackwardMap, ApproachesTheInverseFlowToSecondOrder) {
     for (int k : {0, 1, 2}) EXPECT_NEAR(std::log2((*errors)[k] / (*errors)[k + 1]), 2, 0.35) << (*errors)[k];
 }
 
-// Oracle: psi(phi(x)) = x. Velocities change their axis in time, so that the steps do not commute.
-TEST(BackwardMap, UndoesTheForwardMapAtLeastToSecondOrder) {
+// Oracle: psi(phi(x)) = x, for any number of steps: phi undoes what psi does, not what the flow does. Velocities change
+// their axis in time, so that the steps do not commute.
+TEST(BackwardMap, IsUndoneByTheForwardMapHoweverFewTheSteps) {
   const auto velocity = [](const Vector<2>& x, double t) {
     return Vector<2>(0.4 * x[0] - (1 - t) * x[1], 0.8 * t * x[0] - 0.4 * x[1] + std::sin(3 * t));
   };
-  std::vector<double> errors;
-  for (int steps : {4, 8, 16}) {
+  for (int steps : {2, 3, 8}) {
     const auto v = nodes(steps, velocity);
     // Both maps are affine, so psi is known everywhere from its values at three points.
     const Field<double> back = BackwardMap<2, double>(kPoints, kGrid, steps).follow(v);
     const auto at = [&](int x, int y) { return Vector<2>(back[2 * (9 * y + x)], back[2 * (9 * y + x) + 1]); };
     Matrix<2> slope;
     slope << (at(5, 4) - at(4, 4)) / 1.3, (at(4, 5) - at(4, 4)) / 1.3;
-    double worst = 0;
     for_points(forward_map<2, double>(kPoints, kGrid, v), [&](const Vector<2>& x, const Vector<2>& u) {
       const Vector<2> y = x + u;  // point (4, 4) is the origin
-      worst = std::max(worst, (y + at(4, 4) + slope * y - x).norm());
+      // Each step is undone to 1e-4; later steps stretch what is left by less than exp(1).
+      ASSERT_LT((y + at(4, 4) + slope * y - x).norm(), 3e-4 * steps) << steps;
     });
-    errors.push_back(worst);
   }
-  EXPECT_LT(errors[2], 0.02);
-  for (int k : {0, 1}) EXPECT_GT(errors[k] / errors[k + 1], 3.6) << errors[k];
+}
+
+// Oracle: a slip's shear layer, one sample thick, with 5 mm of motion across it: far from a contraction, yet undone.
+TEST(BackwardMap, IsUndoneByTheForwardMapInAShearLayer) {
+  const auto v = nodes(3, [](const Vector<2>& x, double) { return Vector<2>(x[1] > 0.5 ? 2.5 : -2.5, 0); });
+  const Lattice<2> points{{9, 33}, {1, 0.25}, {-4, -4}};
+  const Field<double> forward = forward_map<2, double>(points, kGrid, v);
+  for (int slab = 0; slab < points.size[1]; ++slab)
+    visit_slab<2>(points, slab, [&](const Index<2>& i, std::size_t site) {
+      const double y = -4 + 0.25 * i[1], expected = 5 * std::clamp(y - 0.5, -0.5, 0.5);
+      ASSERT_NEAR(forward[2 * site], expected, 1e-9) << y;
+      ASSERT_EQ(forward[2 * site + 1], 0);
+    });
 }
 
 TEST(BackwardMap, IsExactForASteadyTranslation) {
