@@ -17,6 +17,7 @@
 #include "core/evaluation/warp_image.h"
 #include "core/image_io/points_io.h"
 #include "core/image_io/read_image.h"
+#include "core/image_io/read_transform.h"
 #include "core/support/errors.h"
 
 namespace saltus::cli {
@@ -54,7 +55,7 @@ std::optional<Volume<Dim>> read_masks(const std::vector<std::string>& files) {
 
 template <int Dim>
 nlohmann::json score(const EvaluateOptions& options, const std::filesystem::path& file) {
-  const VectorVolume<Dim> displacement = read_vector_volume<Dim>(file);
+  const VectorVolume<Dim> displacement = read_displacement<Dim>(file);
   nlohmann::json result;
   result["finite"] = std::all_of(displacement.samples.begin(), displacement.samples.end(),
                                  [](float value) { return std::isfinite(value); });
@@ -142,7 +143,7 @@ int evaluate(const EvaluateOptions& options) {
     throw InvalidInput("--mask is given without --truth; it says where the error against the truth counts");
   const auto displacement = displacement_file(options.transform, TransformDirection::Forward);
   const nlohmann::json result =
-      image_dimension(displacement) == 2 ? score<2>(options, displacement) : score<3>(options, displacement);
+      displacement_dimension(displacement) == 2 ? score<2>(options, displacement) : score<3>(options, displacement);
   if (options.as_json) {
     std::cout << result.dump(1) << std::endl;
   } else {
@@ -159,7 +160,9 @@ void add_evaluate_command(CLI::App& app, int& exit_code) {
   auto add_file = [command](const char* name, auto& value, const char* description) {
     return command->add_option(name, value, description)->check(CLI::ExistingFile);
   };
-  command->add_option("--transform", options->transform, "Folder that saltus register wrote, or a displacement field")
+  command
+      ->add_option("--transform", options->transform,
+                   "Folder that saltus register wrote, or a displacement field (an image, or .h5 of ITK)")
       ->type_name("DIR")
       ->required()
       ->check(CLI::ExistingPath);

@@ -8,7 +8,7 @@
 #include "client/cli/transform_folder.h"
 #include "core/evaluation/field_sampling.h"
 #include "core/image_io/points_io.h"
-#include "core/image_io/read_image.h"
+#include "core/image_io/read_transform.h"
 
 namespace saltus::cli {
 namespace {
@@ -16,7 +16,7 @@ namespace {
 template <int Dim>
 int carry_points(const TransformOptions& options, const std::filesystem::path& displacement) {
   const auto points = read_points<Dim>(options.in);
-  write_points(options.out, transform_points(read_vector_volume<Dim>(displacement), points));
+  write_points(options.out, transform_points(read_displacement<Dim>(displacement), points));
   std::cout << points.size() << " points written to " << options.out << std::endl;
   return Done;
 }
@@ -34,8 +34,8 @@ void add_points_command(CLI::App& app, int& exit_code) {
       "  saltus points --transform result --in fixed.csv --out where_in_moving.csv");
   command->callback([options, &exit_code] {
     const auto displacement = options->displacement();
-    exit_code = image_dimension(displacement) == 2 ? carry_points<2>(*options, displacement)
-                                                   : carry_points<3>(*options, displacement);
+    exit_code = displacement_dimension(displacement) == 2 ? carry_points<2>(*options, displacement)
+                                                          : carry_points<3>(*options, displacement);
   });
 }
 

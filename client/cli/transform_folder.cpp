@@ -19,12 +19,16 @@ fs::path displacement_file(const fs::path& transform, TransformDirection directi
   const std::string name = direction == TransformDirection::Inverse ? "inverse_displacement" : "displacement";
   for (const char* suffix : {".mha", ".nii.gz", ".nii", ".nrrd"})
     if (const fs::path file = transform / (name + suffix); fs::exists(file)) return file;
+  if (const fs::path file = transform / "transform.h5"; direction == TransformDirection::Forward && fs::exists(file))
+    return file;
   throw FileError(transform.string() + " holds no " + name +
                   " (.mha, .nii.gz, .nii or .nrrd); --transform must be a folder that saltus register wrote");
 }
 
 void add_transform_options(CLI::App& command, TransformOptions& options, const char* thing) {
-  command.add_option("--transform", options.transform, "Folder that saltus register wrote, or a displacement field")
+  command
+      .add_option("--transform", options.transform,
+                  "Folder that saltus register wrote, or a displacement field (an image, or .h5 of ITK)")
       ->type_name("DIR")
       ->required()
       ->check(CLI::ExistingPath);

@@ -10,6 +10,7 @@
 #include "core/evaluation/warp_image.h"
 #include "core/image_io/image_format.h"
 #include "core/image_io/read_image.h"
+#include "core/image_io/read_transform.h"
 #include "core/image_io/write_image.h"
 #include "core/support/errors.h"
 
@@ -26,7 +27,7 @@ template <int Dim>
 int carry_image(const WarpCommandOptions& options, const std::filesystem::path& displacement) {
   const WarpOptions how{.interpolation = parse_interpolation(options.interpolation), .outside = options.outside};
   const Volume<Dim> image = read_volume<Dim>(options.transform.in);
-  write_volume(options.transform.out, warp_image(image, read_vector_volume<Dim>(displacement), how));
+  write_volume(options.transform.out, warp_image(image, read_displacement<Dim>(displacement), how));
   std::cout << "written to " << options.transform.out << std::endl;
   return Done;
 }
@@ -35,7 +36,7 @@ int carry_image_of_any_dimension(const WarpCommandOptions& options) {
   parse_interpolation(options.interpolation);
   format_from_suffix(options.transform.out);
   const auto displacement = options.transform.displacement();
-  const int dimension = image_dimension(displacement);
+  const int dimension = displacement_dimension(displacement);
   if (const int given = image_dimension(options.transform.in); given != dimension)
     throw InvalidInput("--in is " + options.transform.in + ", a " + std::to_string(given) +
                        "-D image, but the transform is " + std::to_string(dimension) +

@@ -1,11 +1,11 @@
 #include "core/image_io/read_image.h"
 
-#include <Eigen/LU>
 #include <algorithm>
 #include <limits>
 #include <string>
 
 #include "core/image_io/image_file.h"
+#include "core/image_io/nearest_rotation.h"
 #include "core/support/errors.h"
 
 namespace saltus {
@@ -13,17 +13,6 @@ namespace {
 
 [[noreturn]] void refuse(const std::filesystem::path& path, const std::string& reason) {
   throw FileError("cannot read " + path.filename().string() + ": " + reason);
-}
-
-/// The orthonormal matrix next to one that is nearly so, by Newton's iteration for the polar factor.
-template <int Dim>
-Matrix<Dim> nearest_rotation(Matrix<Dim> matrix) {
-  for (int step = 0; step < 5; ++step) {
-    const double deviation = (matrix.transpose() * matrix - Matrix<Dim>::Identity()).cwiseAbs().maxCoeff();
-    if (deviation < 1e-14) break;
-    matrix = 0.5 * (matrix + matrix.inverse().transpose()).eval();
-  }
-  return matrix;
 }
 
 template <int Dim>

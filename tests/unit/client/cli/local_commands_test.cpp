@@ -14,6 +14,7 @@
 #include "client/cli/transform_folder.h"
 #include "core/image_io/points_io.h"
 #include "core/image_io/read_image.h"
+#include "core/image_io/write_transform.h"
 #include "core/support/errors.h"
 
 namespace saltus::cli {
@@ -93,6 +94,28 @@ TEST_F(LocalCommands, PointsGoThereAndBack) {
     EXPECT_LT((moved[i] - moving[i]).norm(), 1e-5);
     EXPECT_LT((back[i] - fixed[i]).norm(), 1e-5);
   }
+}
+
+// The oracle is the same field as an image.
+TEST_F(LocalCommands, TakeTheTransformOfItkWhenOnlyThatIsThere) {
+  make_slip();
+  ASSERT_EQ(run({"points", "--transform", at("t"), "--in", at("p/fixed_points.csv"), "--out", at("a.csv")}), Done);
+  ASSERT_EQ(run({"warp", "--transform", at("t"), "--in", at("p/moving.mha"), "--out", at("a.mha")}), Done);
+  fs::create_directories(folder_ / "h5");
+  write_transform(folder_ / "h5/transform.h5", read_vector_volume<2>(at("t/displacement.mha")));
+  for (const std::string& transform : {at("h5"), at("h5/transform.h5")}) {
+    ASSERT_EQ(run({"points", "--transform", transform, "--in", at("p/fixed_points.csv"), "--out", at("b.csv")}), Done)
+        << error_;
+    ASSERT_EQ(run({"warp", "--transform", transform, "--in", at("p/moving.mha"), "--out", at("b.mha")}), Done)
+        << error_;
+    EXPECT_EQ(read_points<2>(at("b.csv")), read_points<2>(at("a.csv")));
+    EXPECT_EQ(read_volume<2>(at("b.mha")).samples, read_volume<2>(at("a.mha")).samples);
+  }
+  EXPECT_EQ(run({"evaluate", "--transform", at("h5"), "--truth", at("p/truth.mha"), "--json"}), Done) << error_;
+  EXPECT_EQ(nlohmann::json::parse(out_).at("epe_mm").at("max"), 0);
+  EXPECT_EQ(run({"points", "--transform", at("h5"), "--in", at("a.csv"), "--out", at("b.csv"), "--inverse"}),
+            JobFailed);
+  EXPECT_THAT(error_, HasSubstr("holds no inverse_displacement"));
 }
 
 TEST_F(LocalCommands, WarpBringsMovingToFixed) {
