@@ -56,28 +56,29 @@ double extent_mm(const ImageGrid<Dim>& grid, double voxels) {
   return voxels * grid.spacing.minCoeff();
 }
 
-/// psi(phi(y)) - y in voxels, from both fields as a user has them, off the interface by 5 voxels.
+/// Through `first` and back through `second`, in voxels, off the interface by 5 voxels: with the fields as a user has
+/// them, linear between voxels. The interface is where the scene has it in the fixed image.
 template <int Dim>
-void add_inverse_consistency(const Pair<Dim>& pair, const RegistrationResult<Dim>& result, Row& row) {
-  const ImageGrid<Dim>& grid = result.inverse_displacement.grid;
+void add_round_trip(const std::string& key, const Pair<Dim>& pair, const VectorVolume<Dim>& first,
+                    const VectorVolume<Dim>& second, Row& row) {
   const double margin = extent_mm(pair.input.fixed.grid, 5), voxel = pair.input.fixed.grid.spacing.minCoeff();
   std::vector<double> errors;
-  for (std::size_t at = 0; at < grid.voxels(); ++at) {
-    const Vector<Dim> y = voxel_centre(grid, at);
-    Vector<Dim> x = y;
-    for (int c = 0; c < Dim; ++c) x[c] += result.inverse_displacement.component(c)[at];
-    const Vector<Dim> index = result.displacement.grid.to_index(x);
+  for (std::size_t at = 0; at < first.grid.voxels(); ++at) {
+    const Vector<Dim> start = voxel_centre(first.grid, at);
+    Vector<Dim> reached = start;
+    for (int c = 0; c < Dim; ++c) reached[c] += first.component(c)[at];
+    const Vector<Dim> index = second.grid.to_index(reached);
     bool inside = true;
     for (int axis = 0; axis < Dim; ++axis)
-      inside = inside && index[axis] >= 0 && index[axis] <= result.displacement.grid.size[axis] - 1;
+      inside = inside && index[axis] >= 0 && index[axis] <= second.grid.size[axis] - 1;
     if (!inside) continue;
-    if (pair.scene && std::abs(pair.scene->interface_distance(x)) <= margin) continue;
-    errors.push_back((x + displacement_at(result.displacement, x) - y).norm() / voxel);
+    if (pair.scene && std::abs(pair.scene->interface_distance(reached)) <= margin) continue;
+    errors.push_back((reached + displacement_at(second, reached) - start).norm() / voxel);
   }
   if (errors.empty()) return;
   std::sort(errors.begin(), errors.end());
-  row.add("inverse_mean_voxels", summarise(errors).mean);
-  row.add("inverse_p95_voxels", quantile_of_sorted(errors, 0.95));
+  row.add(key + "_mean_voxels", summarise(errors).mean);
+  row.add(key + "_p95_voxels", quantile_of_sorted(errors, 0.95));
 }
 
 template <int Dim>
@@ -174,7 +175,8 @@ Row measure(const std::string& name, const Pair<Dim>& pair, const RegistrationOp
   if (summary.hamiltonian_drift >= 0) row.add("hamiltonian_drift", summary.hamiltonian_drift);
   row.add("active_percent", 100 * summary.active_first_order_share);
   add_folds(pair, *result, row);
-  add_inverse_consistency(pair, *result, row);
+  add_round_trip("inverse", pair, result->inverse_displacement, result->displacement, row);
+  add_round_trip("inverse_from_fixed", pair, result->displacement, result->inverse_displacement, row);
   if (pair.scene) add_truth(pair, *result, row);
   if (kept) *kept = std::move(result);
   return row;
