@@ -9,6 +9,7 @@
 #include "tests/benchmark/layered_scene.h"
 #include "tests/benchmark/measure.h"
 #include "tests/benchmark/precision.h"
+#include "tests/benchmark/trajectories.h"
 
 namespace saltus::benchmark {
 namespace {
@@ -284,6 +285,7 @@ std::vector<Row> hard_case_rows(bool is_quick, const std::string& only, std::ost
   add_large_motion(run);
   add_slips(run);
   add_interfaces(run);
+  for (const Row& row : trajectory_rows(only)) run.add(row.name, [&] { return row; });
   add_discretisation(run);
   add_shapes(run);
   add_contents(run);
