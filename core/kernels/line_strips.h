@@ -47,11 +47,15 @@ struct StripPlace {
 };
 
 /// Calls convolve(count, source, target) for strips of lines along `axis`, which together are the whole field: `count`
-/// rows of kLanes values each, copied out of `in` (lanes beyond the last line hold anything). It adds to `target`,
+/// rows of kLanes values each, copied out of `in` (lanes beyond the last line hold 0). It adds to `target`,
 /// which starts from 0 or, with Combine::Add, from `out`, where it goes to. A strip belongs to one thread.
+///
+/// Fields that are 0 nearly everywhere cost little: only the rows from the first to the last that is not 0, and
+/// `radius` more on either side, are convolved; the others have nothing to receive. In a dense field that takes two
+/// looks.
 template <int Dim, class T, class Convolve>
-void for_line_strips(const Lattice<Dim>& lattice, int channels, int axis, Combine combine, const T* in, T* out,
-                     Convolve&& convolve) {
+void for_line_strips(const Lattice<Dim>& lattice, int channels, int axis, int radius, Combine combine, const T* in,
+                     T* out, Convolve&& convolve) {
   const int count = lattice.size[axis];
   std::size_t inner = static_cast<std::size_t>(channels), outer = 1;
   for (int a = 0; a < axis; ++a) inner *= static_cast<std::size_t>(lattice.size[a]);
@@ -61,6 +65,7 @@ void for_line_strips(const Lattice<Dim>& lattice, int channels, int axis, Combin
   const std::size_t lines_a_strip = static_cast<std::size_t>(std::max(1, kLanes<T> / channels));
   const std::size_t strips_a_slab = (inner + kLanes<T> - 1) / kLanes<T>;
   const std::size_t strips = axis == 0 ? (outer + lines_a_strip - 1) / lines_a_strip : outer * strips_a_slab;
+  const int widest = axis == 0 ? static_cast<int>(lines_a_strip) * channels : kLanes<T>;
 #pragma omp parallel
   {
     std::vector<T> source(static_cast<std::size_t>(count) * kLanes<T>), target(source.size());
@@ -81,13 +86,28 @@ void for_line_strips(const Lattice<Dim>& lattice, int channels, int axis, Combin
         at = s / strips_a_slab * slab + first;
         place.width = place.piece = static_cast<int>(std::min<std::size_t>(kLanes<T>, inner - first));
       }
+      if (place.width < widest) std::fill(source.begin(), source.end(), T(0));  // unused lanes are 0
       place.read(in + at, source.data());
-      if (combine == Combine::Add)
-        place.read(out + at, target.data());
-      else
+      const auto is_zero = [&](int row) {
+        const T* values = source.data() + row * kLanes<T>;
+        int others = 0;  // counted, not searched: a search has an exit for each value and does not run in lanes
+#pragma omp simd reduction(+ : others)
+        for (int lane = 0; lane < kLanes<T>; ++lane) others += values[lane] != T(0);
+        return others == 0;
+      };
+      int first = 0, last = count - 1;
+      while (first < count && is_zero(first)) ++first;
+      while (last > first && is_zero(last)) --last;
+      const int begin = std::max(0, first - radius), end = first < count ? std::min(count, last + 1 + radius) : begin;
+      if (combine == Combine::Add) {
+        place.count = end - begin;
+        at += static_cast<std::size_t>(begin) * inner;
+        place.read(out + at, target.data() + begin * kLanes<T>);
+      } else {
         std::fill(target.begin(), target.end(), T(0));
-      convolve(count, source.data(), target.data());
-      place.write(target.data(), out + at);
+      }
+      if (begin < end) convolve(end - begin, source.data() + begin * kLanes<T>, target.data() + begin * kLanes<T>);
+      place.write(target.data() + (combine == Combine::Add ? begin * kLanes<T> : 0), out + at);
     }
   }
 }

@@ -25,7 +25,7 @@ void convolve_axis(const Lattice<Dim>& lattice, int channels, int axis, const st
   const int radius = static_cast<int>(taps.size() / 2);
   std::vector<std::pair<int, T>> numbered;
   for (int t = -radius; t <= radius; ++t) numbered.push_back({t, taps[static_cast<std::size_t>(t + radius)]});
-  for_line_strips<Dim, T>(lattice, channels, axis, combine, in, out,
+  for_line_strips<Dim, T>(lattice, channels, axis, radius, combine, in, out,
                           [&](int count, const T* source, T* target) { add_taps(numbered, count, source, target); });
 }
 

@@ -76,7 +76,7 @@ void convolve_strip(const AxisTaps<T>& taps, int count, const T* in, T* out) {
 template <int Dim, class T>
 void convolve_axis_by_moments(const Lattice<Dim>& lattice, int channels, int axis, const AxisTaps<T>& taps,
                               Combine combine, const T* in, T* out) {
-  for_line_strips<Dim, T>(lattice, channels, axis, combine, in, out,
+  for_line_strips<Dim, T>(lattice, channels, axis, taps.radius(), combine, in, out,
                           [&](int count, const T* source, T* target) { convolve_strip(taps, count, source, target); });
 }
 

@@ -131,6 +131,60 @@ TEST_P(KernelSuite, HasValueTapsThatSumToOne) {
   }
 }
 
+// Even and odd, to the last bit or nearly: transposes are taken by reading a row backwards.
+TEST_P(KernelSuite, HasEvenAndOddRowsOfTaps) {
+  for (double h : {0.3, 1.0, 5.0}) {
+    const KernelTaps taps = cell_averaged_taps(*make(2.0), h);
+    const auto at = [&](const std::vector<double>& row, int t) {
+      return std::abs(t) <= taps.radius ? row[static_cast<std::size_t>(t + taps.radius)] : 0.0;
+    };
+    for (int t = -taps.radius; t <= taps.radius; ++t) {
+      EXPECT_NEAR(at(taps.value, t), at(taps.value, -t), 1e-14) << t;
+      EXPECT_NEAR(at(taps.curvature, t), at(taps.curvature, -t), 1e-14) << t;
+      if (t == -taps.radius) continue;  // its mirror is beyond the row
+      EXPECT_NEAR(at(taps.slope, t), -at(taps.slope, 1 - t), 1e-14) << t;
+      EXPECT_NEAR(at(taps.slope_gram, t), -at(taps.slope_gram, 1 - t), 1e-14) << t;
+    }
+  }
+}
+
+// A derivative is the difference of the row below it: slope of k0 itself, curvature of slope, face by face.
+TEST_P(KernelSuite, HasDerivativesThatAreDifferences) {
+  const double sigma = 2.0;
+  const auto profile = make(sigma);
+  for (double h : {0.3, 1.0, 1.9}) {
+    const KernelTaps taps = cell_averaged_taps(*profile, h);
+    for (int t = -taps.radius; t < taps.radius; ++t) {
+      const std::size_t at = static_cast<std::size_t>(t + taps.radius);
+      EXPECT_NEAR(taps.slope[at], sigma / profile->mass() * (profile->value(t * h) - profile->value((t - 1) * h)),
+                  1e-14);
+      EXPECT_NEAR(taps.curvature[at], -sigma / h * (taps.slope[at + 1] - taps.slope[at]), 1e-12) << t;
+    }
+  }
+}
+
+// Nothing reaches further than the support and one cell.
+TEST_P(KernelSuite, HasTapsOfCompactSupport) {
+  for (double sigma : {1.7, 6.0, 40.0}) {
+    const auto profile = make(sigma);
+    const KernelTaps taps = cell_averaged_taps(*profile, 1.0);
+    EXPECT_LE(taps.radius, std::ceil(profile->support()) + 1);
+    for (int t = -taps.radius; t <= taps.radius; ++t) {
+      const std::size_t at = static_cast<std::size_t>(t + taps.radius);
+      if (std::abs(t) - 1 >= profile->support()) {
+        EXPECT_LE(std::abs(taps.value[at]), GetParam().cut) << t;
+        EXPECT_LE(std::abs(taps.curvature[at]), 4 * GetParam().cut * sigma * sigma) << t;
+      }
+      if (std::abs(t - 0.5) - 0.5 >= profile->support()) {
+        EXPECT_LE(std::abs(taps.slope[at]), GetParam().cut) << t;
+      }
+      if (std::abs(t - 0.5) - 1 >= profile->support()) {
+        EXPECT_LE(std::abs(taps.slope_gram[at]), 4 * GetParam().cut * sigma) << t;
+      }
+    }
+  }
+}
+
 // A kernel of a metric is positive definite, and so is what its second derivative makes of order 1. A kernel that is
 // cut may miss that by what was cut.
 TEST_P(KernelSuite, HasPositiveSemiDefiniteGramMatrices) {
