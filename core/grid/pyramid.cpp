@@ -34,26 +34,29 @@ void smooth_axis(std::size_t outer, int length, std::size_t inner, double sigma_
 }  // namespace
 
 template <int Dim, class T>
-std::vector<T> downsampled(const Lattice<Dim>& lattice, const std::vector<T>& samples, const Lattice<Dim>& target) {
+std::vector<T> downsampled(const Lattice<Dim>& lattice, const std::vector<T>& samples, const Lattice<Dim>& target,
+                           double smoothing) {
   std::vector<T> smooth = samples, next(samples.size());
   std::size_t inner = 1;
   for (int axis = 0; axis < Dim; ++axis) {
     const std::size_t length = static_cast<std::size_t>(lattice.size[axis]);
     const double ratio = target.spacing[axis] / lattice.spacing[axis];
-    if (ratio > 1 + 1e-9 && length > 1) {
-      smooth_axis(samples.size() / (length * inner), lattice.size[axis], inner, 0.5 * ratio, smooth, next);
+    const double sigma = (ratio > 1 + 1e-9 ? std::max(smoothing, 0.5) : smoothing) * ratio;
+    if (sigma > 0 && length > 1) {
+      smooth_axis(samples.size() / (length * inner), lattice.size[axis], inner, sigma, smooth, next);
       std::swap(smooth, next);
     }
     inner *= length;
   }
+  if (lattice == target) return smooth;
   std::vector<T> result(target.sites(), T(0));
   LatticeInterpolation<Dim, T>(lattice, target, 1).add_to(smooth.data(), result.data());
   return result;
 }
 
-template std::vector<float> downsampled(const Lattice<2>&, const std::vector<float>&, const Lattice<2>&);
-template std::vector<float> downsampled(const Lattice<3>&, const std::vector<float>&, const Lattice<3>&);
-template std::vector<double> downsampled(const Lattice<2>&, const std::vector<double>&, const Lattice<2>&);
-template std::vector<double> downsampled(const Lattice<3>&, const std::vector<double>&, const Lattice<3>&);
+template std::vector<float> downsampled(const Lattice<2>&, const std::vector<float>&, const Lattice<2>&, double);
+template std::vector<float> downsampled(const Lattice<3>&, const std::vector<float>&, const Lattice<3>&, double);
+template std::vector<double> downsampled(const Lattice<2>&, const std::vector<double>&, const Lattice<2>&, double);
+template std::vector<double> downsampled(const Lattice<3>&, const std::vector<double>&, const Lattice<3>&, double);
 
 }  // namespace saltus

@@ -30,12 +30,13 @@ double norm(const T* values, int count) {
   return std::sqrt(sum);
 }
 
-/// Calls visit(first value of the group) for every group.
+/// Calls visit(first value of the group, the group's weight) for every group.
 template <class Visit>
 void for_groups(const GroupSparsity& range, Visit&& visit) {
   const std::size_t groups = (range.end - range.begin) / static_cast<std::size_t>(range.group);
 #pragma omp parallel for schedule(static)
-  for (std::size_t g = 0; g < groups; ++g) visit(range.begin + g * static_cast<std::size_t>(range.group));
+  for (std::size_t g = 0; g < groups; ++g)
+    visit(range.begin + g * static_cast<std::size_t>(range.group), range.weight_of(g));
 }
 
 template <class T>
@@ -43,9 +44,10 @@ double sparsity_energy(const std::vector<GroupSparsity>& ranges, const std::vect
   double energy = 0;
   for (const GroupSparsity& range : ranges) {
     const std::size_t groups = (range.end - range.begin) / static_cast<std::size_t>(range.group);
-    energy += range.weight * ordered_sum(groups, [&](std::size_t g) {
-                return norm(x.data() + range.begin + g * static_cast<std::size_t>(range.group), range.group);
-              });
+    energy += ordered_sum(groups, [&](std::size_t g) {
+      const double size = norm(x.data() + range.begin + g * static_cast<std::size_t>(range.group), range.group);
+      return size > 0 ? range.weight_of(g) * size : 0.0;  // the weight of a group kept at zero is infinite
+    });
   }
   return energy;
 }
@@ -55,18 +57,19 @@ template <class T>
 void make_pseudo(const std::vector<GroupSparsity>& ranges, const std::vector<T>& x, std::vector<T>& gradient,
                  std::vector<T>& preconditioned) {
   for (const GroupSparsity& range : ranges)
-    for_groups(range, [&](std::size_t at) {
+    for_groups(range, [&](std::size_t at, double weight) {
+      if (weight == 0) return;
       const double size = norm(x.data() + at, range.group);
       if (size > 0) {
         for (int k = 0; k < range.group; ++k) {
-          const T turn = static_cast<T>(range.weight * x[at + k] / size);
+          const T turn = static_cast<T>(weight * x[at + k] / size);
           gradient[at + k] += turn;
           preconditioned[at + k] += static_cast<T>(range.inverse_stiffness) * turn;
         }
         return;
       }
       const double pull = norm(gradient.data() + at, range.group);
-      const T keep = static_cast<T>(pull > range.weight ? 1 - range.weight / pull : 0);
+      const T keep = static_cast<T>(pull > weight ? 1 - weight / pull : 0);
       for (int k = 0; k < range.group; ++k) {
         gradient[at + k] *= keep;
         preconditioned[at + k] *= keep;
@@ -108,8 +111,8 @@ template <class T>
 void align(const std::vector<GroupSparsity>& ranges, const std::vector<T>& x, const std::vector<T>& pseudo,
            std::vector<T>& direction) {
   for (const GroupSparsity& range : ranges)
-    for_groups(range, [&](std::size_t at) {
-      if (norm(x.data() + at, range.group) > 0) return;
+    for_groups(range, [&](std::size_t at, double weight) {
+      if (weight == 0 || norm(x.data() + at, range.group) > 0) return;
       double agreement = 0;
       for (int k = 0; k < range.group; ++k) agreement -= static_cast<double>(direction[at + k]) * pseudo[at + k];
       if (agreement > 0) return;
@@ -122,7 +125,8 @@ template <class T>
 void project(const std::vector<GroupSparsity>& ranges, const std::vector<T>& x, const std::vector<T>& pseudo,
              std::vector<T>& candidate) {
   for (const GroupSparsity& range : ranges)
-    for_groups(range, [&](std::size_t at) {
+    for_groups(range, [&](std::size_t at, double weight) {
+      if (weight == 0) return;
       const bool from_zero = norm(x.data() + at, range.group) == 0;
       double agreement = 0;
       for (int k = 0; k < range.group; ++k)
@@ -137,7 +141,7 @@ void project(const std::vector<GroupSparsity>& ranges, const std::vector<T>& x, 
 template <class T>
 MinimiseSummary minimise(Objective<T>& objective, const MinimiseOptions& options, std::vector<T>& x,
                          const std::function<bool(const MinimiseStep&)>& accepted) {
-  const std::vector<GroupSparsity> ranges = objective.sparsity();
+  const std::vector<GroupSparsity>& ranges = objective.sparsity();
   const std::size_t count = objective.size();
   std::vector<T> gradient(count), preconditioned(count), next_gradient(count), next_preconditioned(count);
   std::vector<T> pseudo, pseudo_preconditioned, direction(count), candidate(count);
@@ -159,17 +163,30 @@ MinimiseSummary minimise(Objective<T>& objective, const MinimiseOptions& options
     throw NumericalFailure("the energy at the start is not finite; check the images for NaN and Inf");
   double energy = summary.energy_before = summary.energy_after = start.value;
   std::vector<double> energies = {energy};
-  double first_optimality = 0;
+  double reference = options.optimality_reference, step = 0;
 
   for (int iteration = 1;; ++iteration) {
     pseudo = gradient;
     pseudo_preconditioned = preconditioned;
     make_pseudo(ranges, x, pseudo, pseudo_preconditioned);
     const double optimality = std::sqrt(std::max(0.0, dot(pseudo, pseudo_preconditioned)));
-    if (iteration == 1) first_optimality = optimality;
-    if (optimality == 0) {
+    if (iteration == 1) summary.first_optimality = optimality;
+    if (reference == 0) reference = optimality;
+    summary.optimality = reference > 0 ? optimality / reference : 0;
+    if (iteration > 1 && !accepted({iteration - 1, energy, sparse, step, summary.optimality})) {
+      summary.termination = MinimiseTermination::Stopped;
+      return summary;
+    }
+    if (optimality <= options.optimality_tolerance * reference) {
       summary.termination = MinimiseTermination::Converged;
       return summary;
+    }
+    if (iteration > 5) {
+      const double recent = energies[iteration - 6] - energy, whole = energies[0] - energy;
+      if (recent <= options.tolerance * whole) {
+        summary.termination = MinimiseTermination::Settled;
+        return summary;
+      }
     }
     if (iteration > options.max_iterations) {
       summary.termination = MinimiseTermination::IterationLimit;
@@ -177,7 +194,7 @@ MinimiseSummary minimise(Objective<T>& objective, const MinimiseOptions& options
     }
 
     bool found = false;
-    double step = 1, next_energy = 0, next_sparse = 0;
+    double next_energy = 0, next_sparse = 0;
     for (int attempt = 0; attempt < 2 && !found; ++attempt) {
       if (attempt == 1) {
         if (pairs.empty()) break;
@@ -228,19 +245,9 @@ MinimiseSummary minimise(Objective<T>& objective, const MinimiseOptions& options
     std::swap(gradient, next_gradient);
     std::swap(preconditioned, next_preconditioned);
     energy = summary.energy_after = next_energy;
+    sparse = next_sparse;
     summary.iterations = iteration;
     energies.push_back(energy);
-    if (!accepted({iteration, energy, next_sparse, step, optimality / first_optimality})) {
-      summary.termination = MinimiseTermination::Stopped;
-      return summary;
-    }
-    if (iteration >= 5) {
-      const double recent = energies[iteration - 5] - energy, whole = energies[0] - energy;
-      if (recent <= options.tolerance * whole) {
-        summary.termination = MinimiseTermination::Converged;
-        return summary;
-      }
-    }
   }
 }
 

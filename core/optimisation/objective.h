@@ -11,12 +11,15 @@ struct Evaluation {
   bool is_valid = false;
 };
 
-/// weight * sum of the Euclidean norms of groups of `group` consecutive values in [begin, end).
+/// weight * sum of factor_g |group g|_2 over groups of `group` consecutive values in [begin, end).
 struct GroupSparsity {
   std::size_t begin = 0, end = 0;
   int group = 1;
   double weight = 0;
   double inverse_stiffness = 1;  ///< the preconditioner on this range: preconditioned = inverse_stiffness * gradient
+  std::vector<float> factors;    ///< one for each group; empty: 1 each. 0 leaves a group free, infinity keeps it at 0
+
+  double weight_of(std::size_t index) const { return factors.empty() ? weight : weight * factors[index]; }
 };
 
 /// What `minimise` minimises: a smooth function plus group sparsity.
@@ -32,7 +35,10 @@ class Objective {
   /// Length of a sensible first step along `direction`.
   virtual double first_step(const std::vector<T>& direction) = 0;
 
-  virtual std::vector<GroupSparsity> sparsity() const { return {}; }
+  virtual const std::vector<GroupSparsity>& sparsity() const {
+    static const std::vector<GroupSparsity> none;
+    return none;
+  }
 };
 
 }  // namespace saltus

@@ -1,6 +1,7 @@
 #include "core/registration/matching_objective.h"
 
 #include "core/flow/divergence_penalty.h"
+#include "core/momenta/reweighting.h"
 
 #include <algorithm>
 #include <cmath>
@@ -20,9 +21,12 @@ MatchingObjective<Dim, T>::MatchingObjective(std::vector<MomentumScale<Dim, T>*>
     if (has_zeroth(scale->options().orders)) size_ += scale->field_size();
     if (!scale->has_first_order()) continue;
     for (int axis = 0; axis < Dim; ++axis) {
-      sparsity_.push_back({size_, size_ + scale->field_size(), Dim,
+      sparsity_.push_back({size_,
+                           size_ + scale->field_size(),
+                           Dim,
                            sparsity * scale->options().first_weight * scale->lattice().cell_volume(),
-                           1 / scale->first_order_stiffness(axis)});
+                           1 / scale->first_order_stiffness(axis),
+                           {}});
       size_ += scale->field_size();
     }
   }
@@ -82,6 +86,29 @@ void MatchingObjective<Dim, T>::drop_normal_components(std::vector<T>& x) const 
   for (std::size_t r = 0; r < sparsity_.size(); ++r) {
     const std::size_t axis = r % Dim;
     for (std::size_t i = sparsity_[r].begin; i < sparsity_[r].end; i += Dim) x[i + axis] = 0;
+  }
+}
+
+template <int Dim, class T>
+void MatchingObjective<Dim, T>::weigh(const SparsityRound& round, const std::vector<T>& x) {
+  const std::vector<MomentumPointers<T>> momenta = pointers(x);
+  std::size_t range = 0;
+  for (std::size_t s = 0; s < scales_.size(); ++s) {
+    if (!scales_[s]->has_first_order()) continue;
+    const Lattice<Dim>& lattice = scales_[s]->lattice();
+    std::vector<std::vector<float>> factors;
+    switch (round.weights) {
+      case SparsityRound::Weights::Even:
+        factors.assign(Dim, std::vector<float>(round.factor == 1 ? 0 : lattice.sites(), round.factor));
+        break;
+      case SparsityRound::Weights::Reweighted:
+        factors = reweighted_factors<Dim, T>(lattice, momenta[s].first);
+        break;
+      case SparsityRound::Weights::Debiased:
+        factors = support_factors<Dim, T>(lattice, momenta[s].first);
+        break;
+    }
+    for (int axis = 0; axis < Dim; ++axis) sparsity_[range++].factors = std::move(factors[axis]);
   }
 }
 

@@ -4,6 +4,7 @@
 #include "core/flow/geodesic_shooting.h"
 #include "core/grid/warp.h"
 #include "core/optimisation/objective.h"
+#include "core/registration/sparsity_rounds.h"
 #include "core/similarity/similarity.h"
 
 #include <functional>
@@ -44,7 +45,7 @@ class MatchingObjective final : public Objective<T> {
   std::size_t size() const override { return size_; }
   Evaluation evaluate(const std::vector<T>& x, std::vector<T>& gradient, std::vector<T>& preconditioned) override;
   double first_step(const std::vector<T>& direction) override;
-  std::vector<GroupSparsity> sparsity() const override { return sparsity_; }
+  const std::vector<GroupSparsity>& sparsity() const override { return sparsity_; }
 
   /// Parts of the last evaluation.
   const EnergyParts& parts() const { return parts_; }
@@ -52,6 +53,9 @@ class MatchingObjective final : public Objective<T> {
   /// Shoots from x and gives the velocities of all nodes.
   const std::vector<Field<T>>& velocities(const std::vector<T>& x);
   std::vector<double> hamiltonians(const std::vector<T>& x);
+
+  /// Sets the sparsity weights for a round that starts from x.
+  void weigh(const SparsityRound& round, const std::vector<T>& x);
 
   /// Leave out component i of m_i: such a momentum can only shear (no gradient, so it stays 0).
   void keep_shear_only() { shear_only_ = true; }

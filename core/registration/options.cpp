@@ -159,8 +159,9 @@ const std::vector<Parameter>& parameters() {
           "scales", "", 0, 8, "number of order-0 scales, each twice as wide as the next finer; 0: one a level",
           [](O & o) -> auto& { return o.momenta.scales; }),
       integer(
-          "finest_scale", "", -1, 7,
-          "voxel of the finest order-0 scale is 2^this reference voxels; -1: the finest level's",
+          "finest_scale", "", -2, 7,
+          "voxel of the finest order-0 scale is 2^this reference voxels; -1: the finest level's, sliding: the next "
+          "coarser",
           [](O & o) -> auto& { return o.momenta.finest_scale; }),
       real(
           "regularisation", "per mm^2", 0, Lower::Exclusive, inf, "weight of the order-0 part of the energy",
@@ -179,6 +180,16 @@ const std::vector<Parameter>& parameters() {
           "sparsity", "per mm", 0, Lower::Inclusive, inf,
           "lambda of the group L1 norm on first-order momenta, as velocities",
           [](O & o) -> auto& { return o.momenta.sparsity; }),
+      integer(
+          "sparsity_path", "", 1, 12, "weights that a level goes through, each half the one before, down to sparsity",
+          [](O & o) -> auto& { return o.momenta.sparsity_path; }),
+      integer(
+          "reweighted_rounds", "", 0, 10,
+          "times that a level is solved again with sparsity weights made from the momenta found",
+          [](O & o) -> auto& { return o.momenta.reweighted_rounds; }),
+      boolean(
+          "debias", "solve a level once more on the first-order momenta found, without their sparsity term",
+          [](O & o) -> auto& { return o.momenta.debias; }),
       boolean(
           "shear_only", "leave out the component of m_i along axis i, so that a jump can only slide",
           [](O & o) -> auto& { return o.momenta.shear_only; }),
@@ -196,6 +207,18 @@ const std::vector<Parameter>& parameters() {
           "similarity_weight", "", 0, Lower::Exclusive, inf, "multiplies the similarity",
           [](O & o) -> auto& { return o.similarity_parameters.weight; }),
       real(
+          "noise", "intensity range", -1, Lower::Inclusive, 1,
+          "standard deviation of the images' noise; -1: estimated from the images",
+          [](O & o) -> auto& { return o.similarity_parameters.noise; }),
+      real(
+          "ssd_residual", "intensity range", 0, Lower::Exclusive, inf,
+          "standard deviation of what ssd leaves beside the noise: its weight is 1 / (1 + (noise / this)^2)",
+          [](O & o) -> auto& { return o.similarity_parameters.ssd_residual; }),
+      real(
+          "smoothing_voxels", "voxels of the level", -1, Lower::Inclusive, 8,
+          "standard deviation of the Gaussian that both images are smoothed with on every level; -1: from the noise",
+          [](O & o) -> auto& { return o.similarity_parameters.smoothing_voxels; }),
+      real(
           "lncc_radius_voxels", "voxels of the level", 0, Lower::Exclusive, 64, "half width of the window of lncc",
           [](O & o) -> auto& { return o.similarity_parameters.lncc_radius_voxels; }),
       real(
@@ -208,6 +231,10 @@ const std::vector<Parameter>& parameters() {
           "tolerance", "", 0, Lower::Inclusive, 1,
           "a level ends when five iterations give less than this share of its decrease",
           [](O & o) -> auto& { return o.optimisation.tolerance; }),
+      real(
+          "optimality_tolerance", "", 0, Lower::Inclusive, 1,
+          "a level ends when the optimality residual falls to this share of its first value",
+          [](O & o) -> auto& { return o.optimisation.optimality_tolerance; }),
       integer(
           "history", "", 1, 50, "pairs that L-BFGS keeps", [](O & o) -> auto& { return o.optimisation.history; }),
   };
@@ -276,7 +303,8 @@ RegistrationOptions resolved(const RegistrationOptions& options, int dimension, 
     while (levels < 8 && largest_axis / (1 << (levels - 1)) >= 32) ++levels;
     o.pyramid.levels = std::max(levels, finest + 1);
   }
-  if (o.momenta.finest_scale < 0) o.momenta.finest_scale = finest;
+  if (o.momenta.finest_scale < 0)
+    o.momenta.finest_scale = std::min(finest - 1 - o.momenta.finest_scale, o.pyramid.levels - 1);
   if (o.momenta.first_order_finest_scale < 0) o.momenta.first_order_finest_scale = finest;
   if (o.momenta.scales == 0) o.momenta.scales = std::max(1, o.pyramid.levels - o.momenta.finest_scale);
   return o;
@@ -297,15 +325,21 @@ RegistrationOptions default_options(Model model, SimilarityType similarity, Pres
       break;
     case Model::Sliding:
       o.momenta.first_order_scales = 1;
+      if (similarity == SimilarityType::Ssd) {
+        // ssd follows noise: order 0 leaves the finest scale to order 1, which is sparse.
+        o.momenta.first_order_scales = 2;
+        o.momenta.finest_scale = -2;
+      }
       break;
   }
   // The energy density is a squared intensity difference for ssd and about 1 for lncc.
   switch (similarity) {
     case SimilarityType::Ssd:
-      o.momenta.regularisation = 1e-5;
-      o.momenta.first_order_regularisation = 3e-6;
-      o.momenta.sparsity = 2e-4;
-      o.flow.divergence_weight = 0.01;
+      o.momenta.regularisation = 3e-6;
+      o.momenta.first_order_regularisation = 1e-6;
+      o.momenta.reweighted_rounds = 1;
+      o.momenta.sparsity = 4e-4;
+      o.flow.divergence_weight = 3e-3;
       break;
     case SimilarityType::Lncc:
       o.momenta.regularisation = 5e-4;

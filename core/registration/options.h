@@ -31,13 +31,17 @@ struct RegistrationOptions {
   struct Momenta {
     double width_voxels = 6;  ///< kernel width sigma, in reference voxels of each momentum scale
     int scales = 0;           ///< number of order-0 scales, each twice as wide as the next; 0: one a level
-    int finest_scale = -1;    ///< q: the finest order-0 scale has 2^q reference voxels; -1: that of the finest level
+    int finest_scale = -1;    ///< q: the finest order-0 scale has 2^q reference voxels; -1: that of the finest level,
+                              ///< -2: the next coarser
     double regularisation = 0.01;              ///< weight of 1/2 ||v_0||^2, per mm^2
     int first_order_scales = 0;                ///< number of order-1 scales; 0 leaves order 1 out
-    int first_order_finest_scale = -1;         ///< as finest_scale, for order 1
+    int first_order_finest_scale = -1;         ///< as finest_scale, for order 1 (-1 or more)
     double first_order_regularisation = 0.01;  ///< weight of 1/2 ||v_i||^2, per mm^2
     double sparsity = 0;                       ///< lambda of the group L1 on a_1 m_i (a velocity), per mm
-    bool shear_only = false;                   ///< drop component i of m_i, so that a jump can only slide
+    int sparsity_path = 1;  ///< weights lambda 2^(n-1), ..., lambda that a level is solved with, one after the other
+    int reweighted_rounds = 0;  ///< times that a level is solved again with weights made from the momenta found
+    bool debias = false;        ///< a last round without sparsity on the momenta found
+    bool shear_only = false;    ///< drop component i of m_i, so that a jump can only slide
   } momenta;
 
   struct Flow {
@@ -51,7 +55,8 @@ struct RegistrationOptions {
   struct Optimisation {
     int max_iterations = 60;  ///< per level
     double tolerance = 1e-3;  ///< a level ends when five iterations give less than this share of its total decrease
-    int history = 6;          ///< pairs kept by L-BFGS
+    double optimality_tolerance = 1e-3;  ///< a level ends when the optimality residual is this share of its first
+    int history = 6;                     ///< pairs kept by L-BFGS
   } optimisation;
 
   int threads = 0;  ///< 0: all that the process may use

@@ -6,6 +6,8 @@ std::string to_string(Termination termination) {
   switch (termination) {
     case Termination::Converged:
       return "converged";
+    case Termination::Settled:
+      return "energy settled";
     case Termination::IterationLimit:
       return "iteration limit";
     case Termination::LineSearchFailed:

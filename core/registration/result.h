@@ -11,16 +11,23 @@ namespace saltus {
 /// One accepted iteration. Energies are integrals over the fixed image (mm^Dim times the density's unit).
 struct IterationRecord {
   int level = 0;  ///< 1 is the coarsest
+  int round = 1;  ///< of the level, see sparsity_rounds.h
   int iteration = 0;
   double energy = 0;
   double similarity = 0;
   double regularisation = 0;
   double sparsity = 0;
   double step = 0;
-  double optimality = 0;  ///< relative size of the (pseudo-)gradient
+  double optimality = 0;  ///< optimality residual: size of the (pseudo-)gradient relative to the level's first
 };
 
-enum class Termination { Converged, IterationLimit, LineSearchFailed, Stopped };
+enum class Termination {
+  Converged,  ///< the optimality residual fell to its tolerance
+  Settled,    ///< the energy fell no more by a share that counts
+  IterationLimit,
+  LineSearchFailed,  ///< no step along the last direction lowers the energy
+  Stopped            ///< the caller wanted it to end
+};
 std::string to_string(Termination termination);
 
 struct LevelSummary {
@@ -29,6 +36,9 @@ struct LevelSummary {
   double spacing_mm = 0;  ///< smallest
   int iterations = 0;
   int evaluations = 0;
+  int rounds = 0;         ///< minimisations with different sparsity weights, each from where the last ended
+  double optimality = 0;  ///< optimality residual at the end, relative to the level's first
+  double smoothing_voxels = 0;
   double energy_before = 0;
   double energy_after = 0;
   Termination termination = Termination::Converged;
@@ -40,7 +50,9 @@ struct RegistrationSummary {
   std::vector<LevelSummary> levels;                  ///< coarsest first
   std::vector<IterationRecord> history;              ///< all levels in order
   Termination termination = Termination::Converged;  ///< Stopped when the progress callback asked for it
-  double similarity_before = 0;                      ///< similarity at full resolution, after the affine start only
+  double noise = 0;              ///< sd of the images' noise as used, in units of the fixed image's range
+  double similarity_weight = 1;  ///< what the similarity was multiplied with
+  double similarity_before = 0;  ///< similarity at full resolution, after the affine start only
   double similarity_after = 0;
   double seconds = 0;
   double cpu_seconds = 0;

@@ -39,7 +39,7 @@ std::vector<PlacedScale<Dim, T>> make_scales(const Lattice<Dim>& image, const Re
       made.kernel = std::move(kernel);
       made.lattice = level_lattice(image, q);
       made.orders = orders;
-      made.zeroth_weight = 1 / momenta.regularisation;
+      made.zeroth_weight = 1 / (momenta.regularisation);
       made.first_weight = 1 / momenta.first_order_regularisation;
       scales.push_back({q, std::make_unique<MomentumScale<Dim, T>>(made)});
     };

@@ -25,7 +25,7 @@ class Function final : public Objective<T> {
     return {value, std::isfinite(value)};
   }
   double first_step(const std::vector<T>&) override { return step; }
-  std::vector<GroupSparsity> sparsity() const override { return groups; }
+  const std::vector<GroupSparsity>& sparsity() const override { return groups; }
 
   std::vector<T> preconditioner;
   std::vector<GroupSparsity> groups;
@@ -142,7 +142,7 @@ void expect_soft_thresholds(double tolerance) {
   std::vector<double> stiffness(n, h), centre(n);
   for (std::size_t i = 0; i < n; ++i) centre[i] = std::sin(1.7 * i) * 0.08 * (i % 17);
   auto objective = separable<T>(stiffness, centre);
-  objective.groups = {{smooth, n, static_cast<int>(group), lambda, 1 / h}};
+  objective.groups = {{smooth, n, static_cast<int>(group), lambda, 1 / h, {}}};
   for (std::size_t i = smooth; i < n; ++i) objective.preconditioner[i] = static_cast<T>(1 / h);
   for (bool from_zero : {true, false}) {
     std::vector<T> x(n, T(0));
@@ -175,7 +175,7 @@ TEST(Minimise, FindsSoftThresholdsWithExactZerosInFloat) { expect_soft_threshold
 
 TEST(Minimise, LeavesZeroAloneWhenTheWeightHoldsEveryGroup) {
   auto objective = separable<double>({1, 1, 1, 1}, {0.3, -0.4, 0.1, 0.2});
-  objective.groups = {{0, 4, 2, 0.51, 1}};  // the longest gradient is 0.5
+  objective.groups = {{0, 4, 2, 0.51, 1, {}}};  // the longest gradient is 0.5
   std::vector<double> x(4, 0.0);
   const MinimiseSummary summary = minimise<double>(objective, to_the_end(), x, go_on);
   EXPECT_EQ(x, std::vector<double>(4, 0.0));
@@ -209,8 +209,15 @@ TEST(Minimise, SaysHowItEnded) {
   loose.tolerance = 0.5;
   x.assign(4, 0.0);
   const MinimiseSummary early = minimise<double>(objective, loose, x, go_on);
-  EXPECT_EQ(early.termination, MinimiseTermination::Converged);
+  EXPECT_EQ(early.termination, MinimiseTermination::Settled);
   EXPECT_LT(early.iterations, 20);
+  MinimiseOptions near = to_the_end();
+  near.optimality_tolerance = 0.1;
+  x.assign(4, 0.0);
+  const MinimiseSummary residual = minimise<double>(objective, near, x, go_on);
+  EXPECT_EQ(residual.termination, MinimiseTermination::Converged);
+  EXPECT_LE(residual.optimality, 0.1);
+  EXPECT_GT(residual.optimality, 0);
   // A gradient that points the wrong way: nothing along it decreases, so the point stays.
   Function<double> uphill(1, [](const std::vector<double>& x, std::vector<double>& gradient) {
     gradient[0] = -1;
@@ -234,6 +241,44 @@ TEST(Minimise, RefusesAStartWithoutAFiniteEnergy) {
     std::vector<double> x = {0.0};
     EXPECT_THROW(minimise<double>(objective, {}, x, go_on), NumericalFailure);
   }
+}
+
+// sqrt(g . P g) of the least subgradient, by hand: at (0, 3) with 1/2 (x_0 - 5)^2 + 2 (x_1 - 1)^2 and weights 2 and 1
+// the gradient is (-5, 8), the least subgradient (-3, 9).
+TEST(Minimise, ReportsTheOptimalityResidual) {
+  auto objective = separable<double>({1, 4}, {5, 1});
+  objective.groups = {{0, 1, 1, 2.0, 1, {}}, {1, 2, 1, 1.0, 1, {}}};
+  std::vector<double> x = {0, 3};
+  Witness witness;
+  MinimiseOptions options = to_the_end();
+  options.optimality_tolerance = 1e-7;
+  const MinimiseSummary summary = minimise<double>(objective, options, x, std::ref(witness));
+  EXPECT_NEAR(summary.first_optimality, std::hypot(3, 9), 1e-12);
+  EXPECT_EQ(summary.termination, MinimiseTermination::Converged);
+  EXPECT_LE(summary.optimality, 1e-7);
+  EXPECT_EQ(witness.steps.back().optimality, summary.optimality);
+  EXPECT_NEAR(x[0], 3, 1e-5);
+  EXPECT_NEAR(x[1], 0.75, 1e-5);
+  // A later call measures against the same reference.
+  options.optimality_reference = summary.first_optimality;
+  const MinimiseSummary again = minimise<double>(objective, options, x, go_on);
+  EXPECT_EQ(again.iterations, 0);
+  EXPECT_EQ(again.termination, MinimiseTermination::Converged);
+}
+
+// Weights of single groups: 0 is free, infinity stays at 0, others are soft thresholds of their own.
+TEST(Minimise, WeighsEveryGroupByItsOwnFactor) {
+  auto objective = separable<double>({1, 1, 1, 1}, {3, 3, 3, 3});
+  const float never = std::numeric_limits<float>::infinity();
+  objective.groups = {{0, 4, 1, 0.5, 1, {0.0f, 1.0f, 2.0f, never}}};
+  std::vector<double> x(4, 0.0);
+  Witness witness;
+  const MinimiseSummary summary = minimise<double>(objective, to_the_end(), x, std::ref(witness));
+  EXPECT_NEAR(x[0], 3, 1e-7);
+  EXPECT_NEAR(x[1], 2.5, 1e-7);
+  EXPECT_NEAR(x[2], 2, 1e-7);
+  EXPECT_EQ(x[3], 0);
+  EXPECT_NEAR(summary.energy_after, 0.125 + 1.25 + 0.5 + 2 + 4.5, 1e-7);
 }
 
 // With the exact inverse Hessian as preconditioner the first direction is Newton's.

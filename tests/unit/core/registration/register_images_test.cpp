@@ -136,20 +136,28 @@ TEST(RegisterImages, StopsWhenTheCallbackSaysSoAndReturnsWhatItHas) {
   EXPECT_LT(fine.summary.similarity_after, coarse.summary.similarity_after);
 }
 
-TEST(RegisterImages, NeverLetsTheEnergyRiseWithinALevel) {
+TEST(RegisterImages, NeverLetsTheEnergyRiseWithinARound) {
   for (Model model : {Model::Gaussian, Model::Wendland, Model::Wendland1, Model::Sliding})
     for (SimilarityType similarity : {SimilarityType::Ssd, SimilarityType::Lncc}) {
       SCOPED_TRACE(to_string(model) + " " + to_string(similarity));
       RegistrationOptions options = quick(model, similarity, 12);
       options.momenta.sparsity = 1e-4;
+      options.momenta.sparsity_path = options.momenta.reweighted_rounds = 2;
+      options.momenta.debias = true;
+      const int rounds = options.momenta.first_order_scales > 0 ? 5 : 1;
       const RegistrationSummary summary = register_images<2>(sliding_pair<2>(plane(), 2.0), options).summary;
       ASSERT_EQ(summary.levels.size(), 2u);
+      EXPECT_EQ(summary.levels.back().rounds, rounds);
       int iterations = 0;
       for (const LevelSummary& level : summary.levels) {
         double last = level.energy_before;
+        int round = 1;
         for (const IterationRecord& record : summary.history) {
           if (record.level != level.level) continue;
-          EXPECT_LE(record.energy, last);
+          if (record.round == round) {
+            EXPECT_LE(record.energy, last);
+          }
+          round = record.round;
           EXPECT_NEAR(record.energy, record.similarity + record.regularisation + record.sparsity, 1e-9 * record.energy);
           last = record.energy;
           ++iterations;

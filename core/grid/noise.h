@@ -1,0 +1,18 @@
+#pragma once
+
+#include "core/grid/lattice.h"
+
+namespace saltus {
+
+/// Standard deviation of the white noise in an image, from the median size of the product of its second differences
+/// along all axes of at least three samples (smooth structure cancels; edges are few). Samples whose neighbourhood is
+/// constant, or holds a weight of 0, tell nothing and are left out; 0 when none is left. `weights` may be empty.
+template <int Dim, class T>
+double noise_sd(const Lattice<Dim>& lattice, const std::vector<T>& samples, const std::vector<T>& weights);
+
+/// Linear interpolation half way between samples averages noise away, so that a sum of squares prefers displacements
+/// by half a sample. The standard deviation, in samples, of the least Gaussian that makes noise of standard deviation
+/// `noise` so alike from sample to sample that at most a variance of tolerance^2 is lost; at most 2.
+double smoothing_against_noise(double noise, int dimension, double tolerance);
+
+}  // namespace saltus

@@ -1,0 +1,169 @@
+#include "core/registration/image_pyramid.h"
+
+#include "core/grid/noise.h"
+#include "core/grid/pyramid.h"
+#include "core/registration/finish.h"
+#include "core/registration/scales.h"
+
+#include <algorithm>
+#include <cmath>
+
+namespace saltus {
+namespace {
+
+/// What linear interpolation may take from the noise, standard deviation in units of the scaled intensities.
+constexpr double kLostNoise = 0.0075;
+
+struct IntensityScale {
+  double low = 0, factor = 1;
+
+  explicit IntensityScale(std::vector<float> samples) {
+    const auto percentile = [&](double share) {
+      const auto at = samples.begin() + static_cast<std::ptrdiff_t>(share * (samples.size() - 1));
+      std::nth_element(samples.begin(), at, samples.end());
+      return static_cast<double>(*at);
+    };
+    double high = percentile(0.99);
+    low = percentile(0.01);
+    if (!(high > low)) {
+      const auto [smallest, largest] = std::minmax_element(samples.begin(), samples.end());
+      low = *smallest;
+      high = *largest;
+    }
+    if (high > low) factor = 1 / (high - low);
+  }
+
+  std::vector<float> operator()(const std::vector<float>& samples) const {
+    std::vector<float> scaled(samples.size());
+    std::transform(samples.begin(), samples.end(), scaled.begin(),
+                   [this](float v) { return static_cast<float>((v - low) * factor); });
+    return scaled;
+  }
+};
+
+std::vector<float> binary(const std::vector<float>& mask) {
+  std::vector<float> weights(mask.size());
+  std::transform(mask.begin(), mask.end(), weights.begin(), [](float v) { return v > 0 ? float(1) : float(0); });
+  return weights;
+}
+
+template <int Dim>
+std::vector<float> visible(const std::vector<float>& samples, const std::optional<Volume<Dim>>& mask) {
+  if (!mask) return samples;
+  std::vector<float> shown;
+  for (std::size_t i = 0; i < samples.size(); ++i)
+    if (mask->samples[i] > 0) shown.push_back(samples[i]);
+  return shown;
+}
+
+/// What a mask hides takes the mean of what it shows, so that no hidden value reaches an interpolation or a window.
+void hide(const std::vector<float>& weights, std::vector<float>& samples) {
+  double sum = 0, count = 0;
+  for (std::size_t i = 0; i < samples.size(); ++i) {
+    sum += double(weights[i]) * samples[i];
+    count += weights[i];
+  }
+  for (std::size_t i = 0; i < samples.size(); ++i)
+    if (weights[i] == 0) samples[i] = static_cast<float>(sum / count);
+}
+
+/// Downsampled; smoothed; near a mask's border the mean of what it shows, not a mixture with what it hides.
+template <int Dim>
+std::vector<float> reduced(const Lattice<Dim>& from, const std::vector<float>& samples,
+                           const std::vector<float>& weights, const Lattice<Dim>& to, double smoothing) {
+  if (weights.empty()) return downsampled(from, samples, to, smoothing);
+  std::vector<float> weighted(samples.size());
+  for (std::size_t i = 0; i < samples.size(); ++i) weighted[i] = weights[i] * samples[i];
+  std::vector<float> plain = downsampled(from, samples, to, smoothing);
+  const std::vector<float> sum = downsampled(from, weighted, to, smoothing),
+                           share = downsampled(from, weights, to, smoothing);
+  for (std::size_t i = 0; i < plain.size(); ++i)
+    if (share[i] > float(1e-3)) plain[i] = sum[i] / share[i];
+  return plain;
+}
+
+}  // namespace
+
+template <int Dim>
+ImagePyramid<Dim>::ImagePyramid(const RegistrationInput<Dim>& input, const RegistrationOptions& options)
+    : input_(input),
+      options_(options),
+      fixed_lattice_(lattice_of(input.fixed.grid)),
+      moving_lattice_(lattice_of(input.moving.grid)),
+      to_moving_(frame_to_index(input)) {
+  const IntensityScale scale(visible(input.fixed.samples, input.fixed_mask));
+  fixed_ = scale(input.fixed.samples);
+  moving_ = scale(input.moving.samples);
+  const std::vector<float> fixed_weights = input.fixed_mask ? binary(input.fixed_mask->samples) : std::vector<float>{};
+  const std::vector<float> moving_weights =
+      input.moving_mask ? binary(input.moving_mask->samples) : std::vector<float>{};
+  if (input.fixed_mask) hide(fixed_weights, fixed_);
+  if (input.moving_mask) hide(moving_weights, moving_);
+  const SimilarityOptions& similarity = options.similarity_parameters;
+  noise_ = similarity.noise;
+  if (noise_ < 0)
+    noise_ = std::sqrt((std::pow(noise_sd(fixed_lattice_, fixed_, fixed_weights), 2) +
+                        std::pow(noise_sd(moving_lattice_, moving_, moving_weights), 2)) /
+                       2);
+  similarity_weight_ = similarity.weight;
+  if (options.similarity == SimilarityType::Ssd)
+    similarity_weight_ /= 1 + std::pow(noise_ / similarity.ssd_residual, 2);
+}
+
+template <int Dim>
+double ImagePyramid<Dim>::smoothing_voxels(int level) const {
+  const double asked = options_.similarity_parameters.smoothing_voxels;
+  // A sample of a coarser level averages about 2^level samples along each axis.
+  return asked >= 0 ? asked : smoothing_against_noise(noise_ * std::exp2(-0.5 * level * Dim), Dim, kLostNoise);
+}
+
+template <int Dim>
+MatchingLevel<Dim, float> ImagePyramid<Dim>::level(int level) const {
+  return make_level(level, smoothing_voxels(level));
+}
+
+template <int Dim>
+MatchingLevel<Dim, float> ImagePyramid<Dim>::full_resolution() const {
+  return make_level(0, 0);
+}
+
+template <int Dim>
+MatchingLevel<Dim, float> ImagePyramid<Dim>::make_level(int level, double smoothing) const {
+  MatchingLevel<Dim, float> made;
+  made.lattice = level_lattice(fixed_lattice_, level);
+  const std::vector<float> fixed_weights =
+      input_.fixed_mask ? binary(input_.fixed_mask->samples) : std::vector<float>{};
+  made.fixed = reduced(fixed_lattice_, fixed_, fixed_weights, made.lattice, smoothing);
+  const double reference = *std::min_element(fixed_lattice_.spacing.begin(), fixed_lattice_.spacing.end());
+  const Lattice<Dim> moving = level == 0 ? moving_lattice_ : coarsened(moving_lattice_, std::ldexp(reference, level));
+  const std::vector<float> moving_weights =
+      input_.moving_mask ? binary(input_.moving_mask->samples) : std::vector<float>{};
+  made.moving = framed(moving_, moving_weights, smoothing, moving);
+  if (input_.fixed_mask) made.fixed_weights = downsampled(fixed_lattice_, fixed_weights, made.lattice);
+  if (input_.moving_mask) made.moving_weights = framed(moving_weights, {}, 0, moving);
+  made.similarity_weight = similarity_weight_;
+  made.divergence_weight = options_.flow.divergence_weight;
+  made.time_steps = options_.flow.time_steps;
+  made.evolution = options_.flow.evolution;
+  return made;
+}
+
+template <int Dim>
+FramedImage<Dim, float> ImagePyramid<Dim>::framed(const std::vector<float>& samples, const std::vector<float>& weights,
+                                                  double smoothing, const Lattice<Dim>& lattice) const {
+  FramedImage<Dim, float> image;
+  image.lattice = lattice;
+  image.samples = reduced(moving_lattice_, samples, weights, lattice, smoothing);
+  // Index of the full image -> index of the level's image.
+  for (int axis = 0; axis < Dim; ++axis) {
+    const double ratio = moving_lattice_.spacing[axis] / lattice.spacing[axis];
+    image.linear.row(axis) = ratio * to_moving_.linear.row(axis);
+    image.offset[axis] = ratio * to_moving_.offset[axis] - lattice.offset[axis] / lattice.spacing[axis];
+  }
+  return image;
+}
+
+template class ImagePyramid<2>;
+template class ImagePyramid<3>;
+
+}  // namespace saltus

@@ -1,0 +1,46 @@
+#pragma once
+
+#include "core/registration/matching_objective.h"
+#include "core/registration/register_images.h"
+
+#include <vector>
+
+namespace saltus {
+
+/// The images of a registration with their masks, and the levels of the pyramid made from them. Intensities are scaled
+/// so that the fixed image's 1st to 99th percentile (of what its mask shows) is [0,1], both images alike: weights then
+/// mean the same for every scanner. Nothing is clipped.
+template <int Dim>
+class ImagePyramid {
+ public:
+  /// `input` and `options` (resolved) must outlive this.
+  ImagePyramid(const RegistrationInput<Dim>& input, const RegistrationOptions& options);
+
+  const Lattice<Dim>& fixed_lattice() const { return fixed_lattice_; }
+  /// Standard deviation of the noise, in units of the scaled intensities: the root mean square of both images'.
+  double noise() const { return noise_; }
+  /// Gaussian that the images of a level are smoothed with, sd in voxels of the level (at least half a voxel along axes
+  /// that the level coarsens).
+  double smoothing_voxels(int level) const;
+  /// What the similarity is multiplied with.
+  double similarity_weight() const { return similarity_weight_; }
+
+  /// Images of one level, smoothed.
+  MatchingLevel<Dim, float> level(int level) const;
+  /// Images at full resolution, not smoothed.
+  MatchingLevel<Dim, float> full_resolution() const;
+
+ private:
+  MatchingLevel<Dim, float> make_level(int level, double smoothing) const;
+  FramedImage<Dim, float> framed(const std::vector<float>& samples, const std::vector<float>& weights, double smoothing,
+                                 const Lattice<Dim>& lattice) const;
+
+  const RegistrationInput<Dim>& input_;
+  const RegistrationOptions& options_;
+  Lattice<Dim> fixed_lattice_, moving_lattice_;
+  AffineMap<Dim> to_moving_;
+  std::vector<float> fixed_, moving_;
+  double noise_ = 0, similarity_weight_ = 1;
+};
+
+}  // namespace saltus

@@ -1,0 +1,17 @@
+#include "core/registration/sparsity_rounds.h"
+
+#include <cmath>
+
+namespace saltus {
+
+std::vector<SparsityRound> sparsity_rounds(const RegistrationOptions::Momenta& momenta, bool has_first_order) {
+  using Weights = SparsityRound::Weights;
+  if (!has_first_order || momenta.sparsity == 0) return {{Weights::Even, 1}};
+  std::vector<SparsityRound> rounds;
+  for (int k = momenta.sparsity_path - 1; k >= 0; --k) rounds.push_back({Weights::Even, std::ldexp(1.0, k)});
+  for (int k = 0; k < momenta.reweighted_rounds; ++k) rounds.push_back({Weights::Reweighted, 1});
+  if (momenta.debias) rounds.push_back({Weights::Debiased, 1});
+  return rounds;
+}
+
+}  // namespace saltus

@@ -1,0 +1,25 @@
+#pragma once
+
+#include "core/registration/options.h"
+
+#include <vector>
+
+namespace saltus {
+
+/// One minimisation of a level: how the sparsity weights of the first-order groups are made for it. Each round starts
+/// from where the one before ended.
+struct SparsityRound {
+  enum class Weights {
+    Even,        ///< lambda times `factor` for every group
+    Reweighted,  ///< lambda times a factor from the momenta of the round before, see momenta/reweighting.h
+    Debiased     ///< 0 on the support of the round before, infinite elsewhere: the shrinkage of the norm is taken back
+  };
+  Weights weights = Weights::Even;
+  double factor = 1;
+};
+
+/// The rounds of a level: the path of weights lambda 2^(n-1), ..., 2 lambda, lambda, then the reweighted rounds, then
+/// the debiasing round. Without first-order momenta one round.
+std::vector<SparsityRound> sparsity_rounds(const RegistrationOptions::Momenta& momenta, bool has_first_order);
+
+}  // namespace saltus

@@ -1,0 +1,58 @@
+// First-order momenta belong at interfaces: there on a scene that slides, nowhere on one that does not.
+#include <gtest/gtest.h>
+
+#include <cmath>
+
+#include "core/evaluation/field_error.h"
+#include "core/phantom/make_phantom.h"
+#include "core/registration/register_images.h"
+
+namespace saltus {
+namespace {
+
+/// Integral of |m_i| over scales and axes, mm^3 (in 2-D); `counts(point)` chooses the sites.
+template <class Counts>
+double first_order_mass(const RegistrationResult<2>& result, Counts&& counts) {
+  double mass = 0;
+  for (const MomentumField<2>& momentum : result.momenta) {
+    if (momentum.axis < 0) continue;
+    const ImageGrid<2>& grid = momentum.vectors.grid;
+    for (int y = 0; y < grid.size[1]; ++y)
+      for (int x = 0; x < grid.size[0]; ++x) {
+        const std::size_t site = static_cast<std::size_t>(y) * grid.size[0] + x;
+        Vector<2> face(x, y);
+        face[momentum.axis] += 0.5;
+        if (!counts(grid.to_world(face))) continue;
+        mass +=
+            std::hypot(momentum.vectors.component(0)[site], momentum.vectors.component(1)[site]) * grid.spacing.prod();
+      }
+  }
+  return mass;
+}
+
+RegistrationResult<2> registered(const Phantom<2>& phantom, const RegistrationOptions& options) {
+  RegistrationInput<2> input;
+  input.fixed = phantom.fixed;
+  input.moving = phantom.moving;
+  return register_images<2>(input, options);
+}
+
+const auto anywhere = [](const Vector<2>&) { return true; };
+
+TEST(FirstOrderMass, LiesAtTheInterfaceOfThePapersRectangle) {
+  const PhantomOptions scene = default_phantom_options(PhantomKind::Rectangle);
+  const Phantom<2> phantom = make_phantom<2>(scene);
+  for (Model model : {Model::Sliding, Model::Wendland1}) {
+    SCOPED_TRACE(to_string(model));
+    const auto result = registered(phantom, default_options(model, SimilarityType::Ssd, Preset::Balanced));
+    const double interface = (scene.size[1] - 1) / 2.0;  // 39.5: between two rows
+    const double all = first_order_mass(result, anywhere);
+    const double near = first_order_mass(result, [&](const Vector<2>& p) { return std::abs(p[1] - interface) <= 3; });
+    RecordProperty("share_near", std::to_string(near / all));
+    EXPECT_GE(near, 0.9 * all) << near / all;
+    EXPECT_GT(all, 0);
+  }
+}
+
+}  // namespace
+}  // namespace saltus
