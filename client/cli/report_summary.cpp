@@ -54,6 +54,8 @@ std::string report_summary(const nlohmann::json& report) {
   line("jacobian", number(report, "/jacobian/min") + " to " + number(report, "/jacobian/max") + ", " +
                        number(report, "/jacobian/share_not_positive", 100) + " % not positive");
   line("inverse", number(report, "/inverse_consistency_mm") + " mm median error");
+  if (report.contains("notices"))
+    for (const nlohmann::json& notice : report.at("notices")) line("notice", notice.get<std::string>());
   return text.str();
 }
 

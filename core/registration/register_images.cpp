@@ -1,6 +1,7 @@
 #include "core/registration/register_images.h"
 
 #include "core/optimisation/lbfgs.h"
+#include "core/registration/blank_images.h"
 #include "core/registration/finish.h"
 #include "core/registration/image_pyramid.h"
 #include "core/registration/input_checks.h"
@@ -100,12 +101,16 @@ RegistrationResult<Dim> register_images(const RegistrationInput<Dim>& input, con
   summary.similarity_weight = pyramid.similarity_weight();
   std::vector<PlacedScale<Dim, Scalar>> scales = make_scales<Dim, Scalar>(pyramid.fixed_lattice(), options);
 
+  summary.notices = blank_images(input);
+  const bool is_blank = !summary.notices.empty();
+
   // Levels on which no scale takes part yet would have nothing to optimise.
   std::vector<int> levels;
   for (int level = options.pyramid.levels - 1; level >= options.pyramid.finest_level; --level)
     if (std::any_of(scales.begin(), scales.end(), [&](const auto& s) { return s.level >= level; }) ||
         level == options.pyramid.finest_level)
       levels.push_back(level);
+  if (is_blank) levels = {options.pyramid.finest_level};
 
   WorkMeter meter;
   std::vector<double> planned_until;
@@ -163,7 +168,7 @@ RegistrationResult<Dim> register_images(const RegistrationInput<Dim>& input, con
     });
 
     MinimiseOptions how;
-    how.max_iterations = options.optimisation.max_iterations;
+    how.max_iterations = is_blank ? 0 : options.optimisation.max_iterations;
     how.tolerance = options.optimisation.tolerance;
     how.history = options.optimisation.history;
     how.optimality_tolerance = options.optimisation.optimality_tolerance;
@@ -196,7 +201,7 @@ RegistrationResult<Dim> register_images(const RegistrationInput<Dim>& input, con
         level_summary.evaluations += found.evaluations;
         level_summary.energy_after = found.energy_after;
         level_summary.optimality = found.optimality;
-        level_summary.termination = termination_of(found.termination);
+        level_summary.termination = is_blank ? Termination::NothingToRegister : termination_of(found.termination);
         if (level_summary.termination == Termination::Stopped) break;
       }
     } catch (const StopRequested&) {

@@ -14,6 +14,8 @@ std::string to_string(Termination termination) {
       return "no further decrease";
     case Termination::Stopped:
       return "stopped";
+    case Termination::NothingToRegister:
+      return "nothing to register";
   }
   return "unknown";
 }

@@ -26,7 +26,8 @@ enum class Termination {
   Settled,    ///< the energy fell no more by a share that counts
   IterationLimit,
   LineSearchFailed,  ///< no step along the last direction lowers the energy
-  Stopped            ///< the caller wanted it to end
+  Stopped,           ///< the caller wanted it to end
+  NothingToRegister  ///< an image has no contrast; a notice says which, and nothing was moved
 };
 std::string to_string(Termination termination);
 
@@ -50,6 +51,7 @@ struct RegistrationSummary {
   std::vector<LevelSummary> levels;                  ///< coarsest first
   std::vector<IterationRecord> history;              ///< all levels in order
   Termination termination = Termination::Converged;  ///< Stopped when the progress callback asked for it
+  std::vector<std::string> notices;                  ///< sentences that a user should read before the result
   double noise = 0;              ///< sd of the images' noise as used, in units of the fixed image's range
   double similarity_weight = 1;  ///< what the similarity was multiplied with
   double similarity_before = 0;  ///< similarity at full resolution, after the affine start only

@@ -189,9 +189,8 @@ void add_contents(Run& run) {
           [&] { return still("constant images, equal", pair_without_truth(grid, constant(7), constant(7))); });
   run.add("constant images, different",
           [&] { return still("constant images, different", pair_without_truth(grid, constant(7), constant(-300))); });
-  run.add("fixed image constant", [&] {
-    return measure<2>("fixed image constant", pair_without_truth(grid, constant(7), texture), sliding());
-  });
+  run.add("fixed image constant",
+          [&] { return still("fixed image constant", pair_without_truth(grid, constant(7), texture)); });
   run.add("moving image constant",
           [&] { return still("moving image constant", pair_without_truth(grid, texture, constant(7))); });
   run.add("no overlap", [&] {

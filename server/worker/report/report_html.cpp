@@ -172,6 +172,8 @@ std::string report_html(const ReportInput<Dim>& input) {
       title + "</title><style>" + page_style + "</style></head><body><main>\n<h1>" + title +
       "</h1>\n<p class=\"lead\">Model " + to_string(options.model) + ", similarity " + to_string(options.similarity) +
       ", preset " + to_string(options.preset) + "; fixed image " + describe(input.input->fixed.grid) + "</p>\n";
+  for (const std::string& notice : input.result->summary.notices)
+    html += "<p class=\"lead\"><strong>Notice:</strong> " + escaped(notice) + ".</p>\n";
   html += cards(input, landmarks);
   html += figure_sections(input);
   if (landmarks) html += landmark_section(*landmarks);

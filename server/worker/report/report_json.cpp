@@ -112,6 +112,7 @@ std::string report_json(const ReportInput<Dim>& input) {
                           {"offset_mm", list(input.input->start.offset)}};
 
   json["termination"] = to_string(summary.termination);
+  json["notices"] = summary.notices;
   json["similarity_value"] = {{"before", summary.similarity_before}, {"after", summary.similarity_after}};
   if (const auto landmarks = measure_landmarks(input)) {
     json["landmark_error_mm"]["before"] = describe(summarise(landmarks->before));

@@ -33,6 +33,11 @@ TEST(ReportSummary, TellsTheNumbersThatMatter) {
             "inverse       0.012 mm median error\n");
 }
 
+TEST(ReportSummary, ShowsNotices) {
+  const std::string text = report_summary({{"notices", {"one thing", "another"}}});
+  EXPECT_THAT(text, HasSubstr("notice        one thing\nnotice        another\n"));
+}
+
 TEST(ReportSummary, MarksWhatIsNotThere) {
   const std::string text = report_summary(nlohmann::json::object());
   EXPECT_THAT(text, HasSubstr("similarity    - -> -"));

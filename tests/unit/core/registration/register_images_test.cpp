@@ -179,8 +179,9 @@ void expect_no_motion(const ImageGrid<Dim>& grid, float fixed, float moving, Sim
   for (float u : result.displacement.samples) ASSERT_EQ(u, 0);
   for (float u : result.inverse_displacement.samples) ASSERT_EQ(u, 0);
   for (float j : result.jacobian.samples) ASSERT_NEAR(j, 1, 1e-6f);
-  EXPECT_EQ(result.summary.termination, Termination::Converged);
+  EXPECT_EQ(result.summary.termination, Termination::NothingToRegister);
   EXPECT_EQ(result.summary.share_jacobian_not_positive, 0);
+  EXPECT_EQ(result.summary.notices.size(), 2u);
 }
 
 TEST(RegisterImages, MovesNothingBetweenConstantImages) {
@@ -189,6 +190,29 @@ TEST(RegisterImages, MovesNothingBetweenConstantImages) {
     expect_no_motion<2>(plane(), 0, -1000, similarity);
     expect_no_motion<3>(block(), 1e-6f, 3e4f, similarity);
   }
+}
+
+// The energy would have the moving image pushed out of sight until only its border's value is left.
+TEST(RegisterImages, MovesNothingWhenOneImageIsConstantAndSaysSo) {
+  RegistrationInput<2> input = sliding_pair<2>(plane(), 2.0);
+  std::fill(input.fixed.samples.begin(), input.fixed.samples.end(), 3.5f);
+  const RegistrationResult<2> result = register_images<2>(input, quick(Model::Sliding, SimilarityType::Ssd));
+  for (float u : result.displacement.samples) ASSERT_EQ(u, 0);
+  EXPECT_EQ(result.warped.samples, input.moving.samples);
+  EXPECT_EQ(result.summary.termination, Termination::NothingToRegister);
+  ASSERT_EQ(result.summary.notices.size(), 1u);
+  EXPECT_EQ(result.summary.notices.front(),
+            "fixed image is 3.5 everywhere; nothing in it shows where anything belongs, so nothing was moved");
+
+  // What counts is what the mask shows.
+  input = sliding_pair<2>(plane(), 2.0);
+  input.moving_mask = Volume<2>(plane(), 0.0f);
+  for (std::size_t i = 0; i < 5; ++i) input.moving_mask->samples[i] = 1, input.moving.samples[i] = 2;
+  const RegistrationResult<2> masked = register_images<2>(input, quick(Model::Sliding, SimilarityType::Ssd));
+  ASSERT_EQ(masked.summary.notices.size(), 1u);
+  EXPECT_EQ(masked.summary.notices.front().find("moving image is 2 everywhere in its mask; "), 0u);
+  EXPECT_TRUE(register_images<2>(sliding_pair<2>(plane(), 2.0), quick(Model::Sliding, SimilarityType::Ssd, 1))
+                  .summary.notices.empty());
 }
 
 TEST(RegisterImages, MovesNothingBetweenEqualImages) {

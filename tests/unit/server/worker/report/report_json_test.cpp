@@ -37,6 +37,13 @@ TEST(ReportJson, TellsSettingsGridsAndConvergence) {
   EXPECT_EQ(report["peak_memory_bytes"], 1 << 20);
 }
 
+TEST(ReportJson, CarriesTheNotices) {
+  ReportScene<2> scene(2);
+  EXPECT_EQ(json::parse(report_json(scene.report))["notices"], json::array());
+  scene.result.summary.notices = {"fixed image is 7 everywhere"};
+  EXPECT_EQ(json::parse(report_json(scene.report))["notices"], json({"fixed image is 7 everywhere"}));
+}
+
 TEST(ReportJson, MeasuresDisplacementJacobianAndMomenta) {
   const ReportScene<2> scene(3);
   const json report = json::parse(report_json(scene.report));
