@@ -77,15 +77,9 @@ void make_pseudo(const std::vector<GroupSparsity>& ranges, const std::vector<T>&
     });
 }
 
-template <class T>
-struct Pair {
-  std::vector<T> s, y, y_preconditioned;
-  double rho;
-};
-
 /// direction = -H pseudo-gradient by the two-loop recursion, with H_0 the scaled preconditioner.
 template <class T>
-void quasi_newton_direction(const std::deque<Pair<T>>& pairs, const std::vector<T>& gradient,
+void quasi_newton_direction(const std::deque<CurvaturePair<T>>& pairs, const std::vector<T>& gradient,
                             const std::vector<T>& preconditioned, std::vector<T>& direction) {
   std::vector<double> alpha(pairs.size());
   std::vector<T> remainder = gradient;
@@ -96,7 +90,7 @@ void quasi_newton_direction(const std::deque<Pair<T>>& pairs, const std::vector<
     add_scaled(-alpha[k], pairs[k].y_preconditioned, direction);
   }
   if (!pairs.empty()) {
-    const Pair<T>& last = pairs.back();
+    const CurvaturePair<T>& last = pairs.back();
     const double curvature = dot(last.y, last.y_preconditioned);
     const T scale = static_cast<T>(curvature > 0 ? 1 / (last.rho * curvature) : 1);
     for (T& value : direction) value *= scale;
@@ -139,78 +133,84 @@ void project(const std::vector<GroupSparsity>& ranges, const std::vector<T>& x, 
 }  // namespace
 
 template <class T>
-MinimiseSummary minimise(Objective<T>& objective, const MinimiseOptions& options, std::vector<T>& x,
+MinimiseSummary minimise(Objective<T>& objective, const MinimiseOptions& options, MinimiserState<T>& state,
                          const std::function<bool(const MinimiseStep&)>& accepted) {
   const std::vector<GroupSparsity>& ranges = objective.sparsity();
   const std::size_t count = objective.size();
-  std::vector<T> gradient(count), preconditioned(count), next_gradient(count), next_preconditioned(count);
-  std::vector<T> pseudo, pseudo_preconditioned, direction(count), candidate(count);
-  std::deque<Pair<T>> pairs;
-  MinimiseSummary summary;
+  std::vector<T> next_gradient(count), next_preconditioned(count), direction(count), candidate(count);
+  std::vector<T> pseudo, pseudo_preconditioned;
+  const std::deque<CurvaturePair<T>> no_pairs;
 
   const auto total = [&](const std::vector<T>& at, std::vector<T>& g, std::vector<T>& p, double& sparse) {
-    ++summary.evaluations;
+    ++state.evaluations;
     Evaluation evaluation = objective.evaluate(at, g, p);
     sparse = sparsity_energy(ranges, at);
     evaluation.value += sparse;
     evaluation.is_valid = evaluation.is_valid && std::isfinite(evaluation.value);
     return evaluation;
   };
+  MinimiseSummary summary;
+  const auto ended = [&](MinimiseTermination why) {
+    summary.termination = why;
+    summary.iterations = state.iterations();
+    summary.evaluations = state.evaluations;
+    summary.energy_before = state.energies.front();
+    summary.energy_after = state.energies.back();
+    summary.first_optimality = state.first_optimality;
+    return summary;
+  };
 
-  double sparse = 0;
-  const Evaluation start = total(x, gradient, preconditioned, sparse);
-  if (!start.is_valid)
-    throw NumericalFailure("the energy at the start is not finite; check the images for NaN and Inf");
-  double energy = summary.energy_before = summary.energy_after = start.value;
-  std::vector<double> energies = {energy};
-  double reference = options.optimality_reference, step = 0;
+  if (!state.has_begun()) {
+    state.gradient.resize(count);
+    state.preconditioned.resize(count);
+    double sparse_at_start = 0;
+    const Evaluation start = total(state.x, state.gradient, state.preconditioned, sparse_at_start);
+    if (!start.is_valid)
+      throw NumericalFailure("the energy at the start is not finite; check the images for NaN and Inf");
+    state.energies = {start.value};
+  }
 
-  for (int iteration = 1;; ++iteration) {
-    pseudo = gradient;
-    pseudo_preconditioned = preconditioned;
-    make_pseudo(ranges, x, pseudo, pseudo_preconditioned);
+  bool is_told = true;  // whether `accepted` knows of the last step
+  double sparse = 0, step = 0;
+  for (;;) {
+    const int done = state.iterations();
+    const double energy = state.energies.back();
+    pseudo = state.gradient;
+    pseudo_preconditioned = state.preconditioned;
+    make_pseudo(ranges, state.x, pseudo, pseudo_preconditioned);
     const double optimality = std::sqrt(std::max(0.0, dot(pseudo, pseudo_preconditioned)));
-    if (iteration == 1) summary.first_optimality = optimality;
-    if (reference == 0) reference = optimality;
+    if (done == 0) state.first_optimality = optimality;
+    const double reference = options.optimality_reference > 0 ? options.optimality_reference : state.first_optimality;
     summary.optimality = reference > 0 ? optimality / reference : 0;
-    if (iteration > 1 && !accepted({iteration - 1, energy, sparse, step, summary.optimality})) {
-      summary.termination = MinimiseTermination::Stopped;
-      return summary;
+    if (!is_told && !accepted({done, energy, sparse, step, summary.optimality}))
+      return ended(MinimiseTermination::Stopped);
+    is_told = true;
+    if (optimality <= options.optimality_tolerance * reference) return ended(MinimiseTermination::Converged);
+    if (done >= 5) {
+      const double recent = state.energies[done - 5] - energy, whole = state.energies[0] - energy;
+      if (recent <= options.tolerance * whole) return ended(MinimiseTermination::Settled);
     }
-    if (optimality <= options.optimality_tolerance * reference) {
-      summary.termination = MinimiseTermination::Converged;
-      return summary;
-    }
-    if (iteration > 5) {
-      const double recent = energies[iteration - 6] - energy, whole = energies[0] - energy;
-      if (recent <= options.tolerance * whole) {
-        summary.termination = MinimiseTermination::Settled;
-        return summary;
-      }
-    }
-    if (iteration > options.max_iterations) {
-      summary.termination = MinimiseTermination::IterationLimit;
-      return summary;
-    }
+    if (done >= options.max_iterations) return ended(MinimiseTermination::IterationLimit);
 
-    bool found = false;
+    bool found = false, has_forgotten = false;
     double next_energy = 0, next_sparse = 0;
     for (int attempt = 0; attempt < 2 && !found; ++attempt) {
       if (attempt == 1) {
-        if (pairs.empty()) break;
-        pairs.clear();  // the model of the curvature was wrong: start again from steepest descent
+        if (state.pairs.empty()) break;
+        has_forgotten = true;  // the model of the curvature was wrong: start again from steepest descent
       }
+      const std::deque<CurvaturePair<T>>& pairs = has_forgotten ? no_pairs : state.pairs;
       quasi_newton_direction(pairs, pseudo, pseudo_preconditioned, direction);
-      align(ranges, x, pseudo, direction);
+      align(ranges, state.x, pseudo, direction);
       if (!(dot(pseudo, direction) < 0)) continue;
       step = pairs.empty() ? objective.first_step(direction) : 1.0;
       for (int trial = 0; trial < options.max_line_search; ++trial) {
-        candidate = x;
+        candidate = state.x;
         add_scaled(step, direction, candidate);
-        project(ranges, x, pseudo, candidate);
+        project(ranges, state.x, pseudo, candidate);
         const Evaluation evaluation = total(candidate, next_gradient, next_preconditioned, next_sparse);
         const double expected = ordered_sum(count, [&](std::size_t i) {
-          return static_cast<double>(pseudo[i]) * (static_cast<double>(candidate[i]) - x[i]);
+          return static_cast<double>(pseudo[i]) * (static_cast<double>(candidate[i]) - state.x[i]);
         });
         if (evaluation.is_valid && evaluation.value < energy && evaluation.value <= energy + 1e-4 * expected) {
           next_energy = evaluation.value;
@@ -226,34 +226,49 @@ MinimiseSummary minimise(Objective<T>& objective, const MinimiseOptions& options
         step *= factor;
       }
     }
-    if (!found) {
-      summary.termination = MinimiseTermination::LineSearchFailed;
-      return summary;
-    }
+    if (!found) return ended(MinimiseTermination::LineSearchFailed);
 
-    Pair<T> pair{candidate, next_gradient, next_preconditioned, 0};
-    add_scaled(-1, x, pair.s);
-    add_scaled(-1, gradient, pair.y);
-    add_scaled(-1, preconditioned, pair.y_preconditioned);
+    CurvaturePair<T> pair{candidate, next_gradient, next_preconditioned, 0};
+    add_scaled(-1, state.x, pair.s);
+    add_scaled(-1, state.gradient, pair.y);
+    add_scaled(-1, state.preconditioned, pair.y_preconditioned);
+    if (has_forgotten) state.pairs.clear();
     const double curvature = dot(pair.s, pair.y), size = dot(pair.y, pair.y_preconditioned);
     if (curvature > 1e-8 * std::abs(size) && size > 0) {
       pair.rho = 1 / curvature;
-      pairs.push_back(std::move(pair));
-      if (static_cast<int>(pairs.size()) > options.history) pairs.pop_front();
+      state.pairs.push_back(std::move(pair));
+      if (static_cast<int>(state.pairs.size()) > options.history) state.pairs.pop_front();
     }
-    std::swap(x, candidate);
-    std::swap(gradient, next_gradient);
-    std::swap(preconditioned, next_preconditioned);
-    energy = summary.energy_after = next_energy;
+    std::swap(state.x, candidate);
+    std::swap(state.gradient, next_gradient);
+    std::swap(state.preconditioned, next_preconditioned);
+    state.energies.push_back(next_energy);
     sparse = next_sparse;
-    summary.iterations = iteration;
-    energies.push_back(energy);
+    is_told = false;
   }
 }
 
-template MinimiseSummary minimise(Objective<float>&, const MinimiseOptions&, std::vector<float>&,
-                                  const std::function<bool(const MinimiseStep&)>&);
-template MinimiseSummary minimise(Objective<double>&, const MinimiseOptions&, std::vector<double>&,
-                                  const std::function<bool(const MinimiseStep&)>&);
+template <class T>
+MinimiseSummary minimise(Objective<T>& objective, const MinimiseOptions& options, std::vector<T>& x,
+                         const std::function<bool(const MinimiseStep&)>& accepted) {
+  MinimiserState<T> state(std::move(x));
+  try {
+    const MinimiseSummary summary = minimise(objective, options, state, accepted);
+    x = std::move(state.x);
+    return summary;
+  } catch (...) {
+    x = std::move(state.x);
+    throw;
+  }
+}
+
+#define SALTUS_MINIMISE(T)                                                                     \
+  template MinimiseSummary minimise(Objective<T>&, const MinimiseOptions&, MinimiserState<T>&, \
+                                    const std::function<bool(const MinimiseStep&)>&);          \
+  template MinimiseSummary minimise(Objective<T>&, const MinimiseOptions&, std::vector<T>&,    \
+                                    const std::function<bool(const MinimiseStep&)>&);
+SALTUS_MINIMISE(float)
+SALTUS_MINIMISE(double)
+#undef SALTUS_MINIMISE
 
 }  // namespace saltus

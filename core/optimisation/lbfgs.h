@@ -2,7 +2,10 @@
 
 #include "core/optimisation/objective.h"
 
+#include <deque>
 #include <functional>
+#include <utility>
+#include <vector>
 
 namespace saltus {
 
@@ -40,13 +43,47 @@ struct MinimiseSummary {
   double first_optimality = 0;  ///< residual at the start, absolute
 };
 
-/// Minimises from x, in place. Limited-memory quasi-Newton in the metric of the objective's preconditioner, with the
-/// orthant-wise treatment of the sparsity term (Andrew and Gao, 2007) carried from signs to groups: groups at zero stay
-/// there while their gradient is shorter than the weight, and a group that would turn against its direction becomes
-/// exactly zero. Backtracking line search; the energy never rises on an accepted step; a non-finite energy shortens the
-/// step. The optimality residual is sqrt(g . P g) with g the subgradient of least length of the whole energy and P the
-/// preconditioner: 0 exactly at a stationary point. `accepted` is called after each accepted step and says whether to
-/// go on. Throws NumericalFailure when the energy at the start is not finite.
+/// A step s and the change y of the gradient along it, with y preconditioned and 1 / (s . y).
+template <class T>
+struct CurvaturePair {
+  std::vector<T> s, y, y_preconditioned;
+  double rho = 0;
+};
+
+/// Where a minimisation stands after an accepted step, or, with x alone, before it begins: all that it needs to go on
+/// as if it had never been interrupted, bit by bit. Memory: 3 + 3 * history vectors of the size of x.
+template <class T>
+struct MinimiserState {
+  MinimiserState() = default;
+  explicit MinimiserState(std::vector<T> start) : x(std::move(start)) {}
+
+  std::vector<T> x;
+  std::vector<T> gradient, preconditioned;  ///< of the smooth part at x
+  std::deque<CurvaturePair<T>> pairs;       ///< oldest first
+  std::vector<double> energies;             ///< at the start and after each accepted step; empty before the start
+  double first_optimality = 0;              ///< residual at the start, absolute
+  int evaluations = 0;
+
+  bool has_begun() const { return !energies.empty(); }
+  int iterations() const { return has_begun() ? static_cast<int>(energies.size()) - 1 : 0; }  ///< accepted steps
+};
+
+/// Minimises from a state, in place. Limited-memory quasi-Newton in the metric of the objective's preconditioner, with
+/// the orthant-wise treatment of the sparsity term (Andrew and Gao, 2007) carried from signs to groups: groups at zero
+/// stay there while their gradient is shorter than the weight, and a group that would turn against its direction
+/// becomes exactly zero. Backtracking line search; the energy never rises on an accepted step; a non-finite energy
+/// shortens the step. The optimality residual is sqrt(g . P g) with g the subgradient of least length of the whole
+/// energy and P the preconditioner: 0 exactly at a stationary point. `accepted` is called after each accepted step,
+/// when the state is complete, and says whether to go on.
+///
+/// A state that has begun goes on after its last step, of which `accepted` is not told again; the summary counts from
+/// the beginning. When the objective throws, the state is still that of the last accepted step. Throws NumericalFailure
+/// when the energy at the start is not finite.
+template <class T>
+MinimiseSummary minimise(Objective<T>& objective, const MinimiseOptions& options, MinimiserState<T>& state,
+                         const std::function<bool(const MinimiseStep&)>& accepted);
+
+/// The same from x alone, in place; x is the last accepted point also when the objective throws.
 template <class T>
 MinimiseSummary minimise(Objective<T>& objective, const MinimiseOptions& options, std::vector<T>& x,
                          const std::function<bool(const MinimiseStep&)>& accepted);

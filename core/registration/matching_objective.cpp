@@ -2,6 +2,7 @@
 
 #include "core/flow/divergence_penalty.h"
 #include "core/momenta/reweighting.h"
+#include "core/support/errors.h"
 
 #include <algorithm>
 #include <cmath>
@@ -110,6 +111,17 @@ void MatchingObjective<Dim, T>::weigh(const SparsityRound& round, const std::vec
     }
     for (int axis = 0; axis < Dim; ++axis) sparsity_[range++].factors = std::move(factors[axis]);
   }
+}
+
+template <int Dim, class T>
+void MatchingObjective<Dim, T>::restore_weights(const std::vector<std::vector<float>>& factors) {
+  bool fits = factors.size() == sparsity_.size();
+  for (std::size_t r = 0; fits && r < factors.size(); ++r)
+    fits = factors[r].empty() || factors[r].size() * Dim == sparsity_[r].end - sparsity_[r].begin;
+  if (!fits)
+    throw InvalidInput("the sparsity factors are " + std::to_string(factors.size()) + " lists for " +
+                       std::to_string(sparsity_.size()) + " fields of first-order momenta, or of other lengths");
+  for (std::size_t r = 0; r < factors.size(); ++r) sparsity_[r].factors = factors[r];
 }
 
 template <int Dim, class T>

@@ -56,6 +56,8 @@ class MatchingObjective final : public Objective<T> {
 
   /// Sets the sparsity weights for a round that starts from x.
   void weigh(const SparsityRound& round, const std::vector<T>& x);
+  /// Puts back the factors that sparsity() had after `weigh`, in its order. Throws InvalidInput when they do not fit.
+  void restore_weights(const std::vector<std::vector<float>>& factors);
 
   /// Leave out component i of m_i: such a momentum can only shear (no gradient, so it stays 0).
   void keep_shear_only() { shear_only_ = true; }

@@ -5,7 +5,9 @@
 #include <algorithm>
 #include <charconv>
 #include <cmath>
+#include <cstdlib>
 #include <functional>
+#include <iomanip>
 #include <limits>
 #include <sstream>
 #include <utility>
@@ -43,10 +45,16 @@ Value value_of(const Names<Value>& names, std::string_view what, std::string_vie
   throw InvalidInput(std::string(what) + " is '" + std::string(text) + "'; it must be one of " + all);
 }
 
+/// As short as six digits where they say it all, and never another number when read back.
 std::string format(double value) {
-  std::ostringstream text;
-  text << value;
-  return text.str();
+  std::string shown;
+  for (int digits = 6; digits <= std::numeric_limits<double>::max_digits10; ++digits) {
+    std::ostringstream text;
+    text << std::setprecision(digits) << value;
+    shown = text.str();
+    if (std::strtod(shown.c_str(), nullptr) == value) break;
+  }
+  return shown;
 }
 
 /// One row of the table of expert parameters; `check` returns "" or what is wrong.

@@ -83,7 +83,7 @@ std::string describe(const Index<Dim>& size) {
 
 template <int Dim>
 RegistrationResult<Dim> register_images(const RegistrationInput<Dim>& input, const RegistrationOptions& asked,
-                                        const ProgressCallback& progress) {
+                                        const ProgressCallback& progress, const Checkpointing& checkpointing) {
   check_input(input);
   const std::vector<std::string> wrong = problems(asked);
   if (!wrong.empty()) throw InvalidInput(wrong.front());
@@ -126,12 +126,25 @@ RegistrationResult<Dim> register_images(const RegistrationInput<Dim>& input, con
   }
   meter.plan(planned);
 
-  std::vector<Scalar> momenta;
+  const std::uint64_t job = checkpointing.offer || !checkpointing.resume.empty() ? job_fingerprint(input, options) : 0;
+  Checkpoint reached;  // where the run stands; all but the minimiser and the round's weights is filled in for a blob
+  if (!checkpointing.resume.empty()) {
+    reached = decode(checkpointing.resume, job);
+    if (reached.step < 0 || reached.step >= static_cast<int>(levels.size()) || !reached.minimiser.has_begun() ||
+        reached.history.empty() || reached.level.rounds < 1)
+      throw InvalidInput("the checkpoint is damaged, it is of no step of this registration; start again without it");
+    summary.levels = reached.levels;
+    summary.history = reached.history;
+    if (reached.step > 0) meter.settle(planned_until[reached.step - 1]);
+  }
+  const double seconds_before = reached.seconds, cpu_seconds_before = reached.cpu_seconds;
+  bool is_resumed = reached.minimiser.has_begun();
+  std::vector<Scalar>& momenta = reached.minimiser.x;
   std::unique_ptr<MatchingObjective<Dim, Scalar>> objective;
   MatchingLevel<Dim, Scalar> level_images;
   std::vector<MomentumScale<Dim, Scalar>*> active;
   bool is_stopped = false;
-  for (std::size_t step = 0; step < levels.size() && !is_stopped; ++step) {
+  for (std::size_t step = static_cast<std::size_t>(reached.step); step < levels.size() && !is_stopped; ++step) {
     const Stopwatch watch;
     const int level = levels[step];
     objective.reset();
@@ -146,17 +159,21 @@ RegistrationResult<Dim> register_images(const RegistrationInput<Dim>& input, con
             *std::min_element(level_images.lattice.spacing.begin(), level_images.lattice.spacing.end())),
         options.momenta.sparsity);
     if (options.momenta.shear_only) objective->keep_shear_only();
+    if (is_resumed && momenta.size() != objective->size())
+      throw InvalidInput("the checkpoint is damaged, it holds " + std::to_string(momenta.size()) + " momenta where " +
+                         std::to_string(objective->size()) + " are needed; start again without it");
     momenta.resize(objective->size(), Scalar(0));  // finer scales come last and start at 0
 
     Progress now;
     now.level = static_cast<int>(step) + 1;
     now.levels = static_cast<int>(levels.size());
-    now.max_iterations = options.optimisation.max_iterations *
-                         static_cast<int>(sparsity_rounds(options.momenta, !objective->sparsity().empty()).size());
+    const std::vector<SparsityRound> rounds = sparsity_rounds(options.momenta, !objective->sparsity().empty());
+    now.max_iterations = options.optimisation.max_iterations * static_cast<int>(rounds.size());
     const double work = static_cast<double>(level_images.lattice.sites());
     const auto report = [&] {
       now.fraction = meter.fraction();
-      now.seconds_left = now.fraction > 0.01 ? whole.seconds() * (1 - now.fraction) / now.fraction : -1;
+      now.seconds_left =
+          now.fraction > 0.01 ? (seconds_before + whole.seconds()) * (1 - now.fraction) / now.fraction : -1;
       return !progress || progress(now) == ProgressAnswer::Continue;
     };
     double counted = 0;  // share of this evaluation that the meter has
@@ -178,6 +195,31 @@ RegistrationResult<Dim> register_images(const RegistrationInput<Dim>& input, con
     level_summary.spacing_mm =
         *std::min_element(level_images.lattice.spacing.begin(), level_images.lattice.spacing.end());
     level_summary.smoothing_voxels = pyramid.smoothing_voxels(level);
+    if (is_resumed) {
+      level_summary = reached.level;
+      how.optimality_reference = reached.optimality_reference;
+      now.iteration = level_summary.iterations + reached.minimiser.iterations();
+      now.energy = reached.minimiser.energies.back();
+      now.similarity = summary.history.back().similarity;
+    }
+    const double level_seconds_before = level_summary.seconds, level_cpu_seconds_before = level_summary.cpu_seconds;
+    const auto count_time = [&](LevelSummary& at) {
+      at.seconds = level_seconds_before + watch.seconds();
+      at.cpu_seconds = level_cpu_seconds_before + watch.cpu_seconds();
+    };
+    const MakeCheckpoint make_checkpoint = [&] {
+      reached.step = static_cast<int>(step);
+      reached.level = level_summary;
+      count_time(reached.level);
+      reached.optimality_reference = how.optimality_reference;
+      reached.sparsity_factors.clear();
+      for (const GroupSparsity& range : objective->sparsity()) reached.sparsity_factors.push_back(range.factors);
+      reached.levels = summary.levels;
+      reached.history = summary.history;
+      reached.seconds = seconds_before + whole.seconds();
+      reached.cpu_seconds = cpu_seconds_before + whole.cpu_seconds();
+      return encode(reached, job);
+    };
     const auto accepted = [&](const MinimiseStep& taken) {
       const EnergyParts& parts = objective->parts();
       summary.history.push_back({now.level, level_summary.rounds, level_summary.iterations + taken.iteration,
@@ -186,31 +228,45 @@ RegistrationResult<Dim> register_images(const RegistrationInput<Dim>& input, con
       now.iteration = level_summary.iterations + taken.iteration;
       now.energy = taken.energy;
       now.similarity = parts.similarity;
+      if (checkpointing.offer) {
+        now.fraction = meter.fraction();
+        checkpointing.offer(now, make_checkpoint);
+      }
       return report();
     };
+    const auto count_round = [&] {
+      const MinimiserState<Scalar>& state = reached.minimiser;
+      level_summary.iterations += state.iterations();
+      level_summary.evaluations += state.evaluations;
+      if (!state.has_begun()) return;
+      if (level_summary.rounds == 1) level_summary.energy_before = state.energies.front();
+      level_summary.energy_after = state.energies.back();
+    };
     try {
-      for (const SparsityRound& round : sparsity_rounds(options.momenta, !objective->sparsity().empty())) {
-        ++level_summary.rounds;
-        objective->weigh(round, momenta);
-        const MinimiseSummary found = minimise<Scalar>(*objective, how, momenta, accepted);
-        if (level_summary.rounds == 1) {
-          how.optimality_reference = found.first_optimality;
-          level_summary.energy_before = found.energy_before;
+      for (std::size_t round = is_resumed ? level_summary.rounds - 1 : 0; round < rounds.size(); ++round) {
+        if (is_resumed) {
+          objective->restore_weights(reached.sparsity_factors);
+          is_resumed = false;
+        } else {
+          level_summary.rounds = static_cast<int>(round) + 1;
+          objective->weigh(rounds[round], momenta);
+          reached.minimiser = MinimiserState<Scalar>(std::move(momenta));
         }
-        level_summary.iterations += found.iterations;
-        level_summary.evaluations += found.evaluations;
-        level_summary.energy_after = found.energy_after;
+        const MinimiseSummary found = minimise<Scalar>(*objective, how, reached.minimiser, accepted);
+        if (level_summary.rounds == 1) how.optimality_reference = found.first_optimality;
+        count_round();
         level_summary.optimality = found.optimality;
         level_summary.termination = is_blank ? Termination::NothingToRegister : termination_of(found.termination);
         if (level_summary.termination == Termination::Stopped) break;
       }
     } catch (const StopRequested&) {
       level_summary.termination = Termination::Stopped;
+      count_round();
     }
+    reached.minimiser = MinimiserState<Scalar>(std::move(momenta));  // the momenta stay, the curvature's memory goes
     objective->on_work({});
     meter.settle(planned_until[step]);
-    level_summary.seconds = watch.seconds();
-    level_summary.cpu_seconds = watch.cpu_seconds();
+    count_time(level_summary);
     summary.termination = level_summary.termination;
     is_stopped = level_summary.termination == Termination::Stopped;
     summary.levels.push_back(level_summary);
@@ -228,14 +284,14 @@ RegistrationResult<Dim> register_images(const RegistrationInput<Dim>& input, con
   } else {
     summary.hamiltonian_drift = -1;
   }
-  summary.seconds = whole.seconds();
-  summary.cpu_seconds = whole.cpu_seconds();
+  summary.seconds = seconds_before + whole.seconds();
+  summary.cpu_seconds = cpu_seconds_before + whole.cpu_seconds();
   return result;
 }
 
 template RegistrationResult<2> register_images(const RegistrationInput<2>&, const RegistrationOptions&,
-                                               const ProgressCallback&);
+                                               const ProgressCallback&, const Checkpointing&);
 template RegistrationResult<3> register_images(const RegistrationInput<3>&, const RegistrationOptions&,
-                                               const ProgressCallback&);
+                                               const ProgressCallback&, const Checkpointing&);
 
 }  // namespace saltus

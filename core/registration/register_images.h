@@ -1,6 +1,7 @@
 #pragma once
 
 #include "core/grid/volume.h"
+#include "core/registration/checkpoint.h"
 #include "core/registration/options.h"
 #include "core/registration/progress.h"
 #include "core/registration/result.h"
@@ -20,10 +21,12 @@ struct RegistrationInput {
 
 /// Registers `moving` to `fixed`. Throws InvalidInput before any work when input or options cannot be used,
 /// NumericalFailure when no finite energy exists at the start. Not converging is a result, see the summary.
-/// A run that the callback stops returns what it has, with termination Stopped.
+/// A run that the callback stops returns what it has, with termination Stopped. A checkpoint that `checkpointing`
+/// offers takes the run up again: with the same images and options its end is the same, bit by bit. Throws InvalidInput
+/// for a checkpoint that is damaged or of another job.
 template <int Dim>
 RegistrationResult<Dim> register_images(const RegistrationInput<Dim>& input, const RegistrationOptions& options,
-                                        const ProgressCallback& progress = {});
+                                        const ProgressCallback& progress = {}, const Checkpointing& checkpointing = {});
 
 /// Upper bound of the memory that register_images will use, in bytes, for admission before a run.
 template <int Dim>

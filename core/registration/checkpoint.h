@@ -1,0 +1,53 @@
+#pragma once
+
+#include "core/optimisation/lbfgs.h"
+#include "core/registration/progress.h"
+#include "core/registration/result.h"
+
+#include <cstdint>
+#include <functional>
+#include <string>
+#include <string_view>
+
+namespace saltus {
+
+template <int Dim>
+struct RegistrationInput;
+
+/// Makes the checkpoint of the step that was just accepted, a blob to be kept as it is.
+using MakeCheckpoint = std::function<std::string()>;
+
+/// Offered after each accepted step, from the thread that called register_images; `make` may be called in there only.
+/// What it makes is as large as MinimiserState says.
+using CheckpointCallback = std::function<void(const Progress&, const MakeCheckpoint& make)>;
+
+/// How a registration can be interrupted and taken up again.
+struct Checkpointing {
+  std::string resume;        ///< a checkpoint of an earlier run of the same job; empty: from the beginning
+  CheckpointCallback offer;  ///< may be empty
+};
+
+/// All that a run has found until an accepted step. A run that goes on from here ends with the same bits as one that
+/// was never interrupted, for any number of threads.
+struct Checkpoint {
+  int step = 0;        ///< which of the levels that are run, 0 is the coarsest
+  LevelSummary level;  ///< of that level: the rounds before this one, which is number level.rounds; its time until now
+  double optimality_reference = 0;                   ///< of that level
+  std::vector<std::vector<float>> sparsity_factors;  ///< of this round
+  MinimiserState<float> minimiser;
+  std::vector<LevelSummary> levels;      ///< that have ended
+  std::vector<IterationRecord> history;  ///< until now
+  double seconds = 0, cpu_seconds = 0;   ///< spent in all
+};
+
+/// Tells jobs apart: images, masks, start and all resolved options but the number of threads.
+template <int Dim>
+std::uint64_t job_fingerprint(const RegistrationInput<Dim>& input, const RegistrationOptions& resolved);
+
+/// A blob with a version, a checksum and the job's fingerprint, for machines of the same byte order.
+std::string encode(const Checkpoint& checkpoint, std::uint64_t job);
+
+/// Throws InvalidInput that says so when the blob is none of ours, of another version, damaged, or of another job.
+Checkpoint decode(std::string_view blob, std::uint64_t job);
+
+}  // namespace saltus

@@ -1,0 +1,231 @@
+// Oracle: the same registration without an interruption.
+#include "core/registration/checkpoint.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include "core/registration/register_images.h"
+#include "core/support/errors.h"
+#include "tests/support/analytic_scene.h"
+
+namespace saltus {
+namespace {
+
+using testing::AnalyticScene;
+using testing::centred_grid;
+using ::testing::HasSubstr;
+using testing::sampled;
+
+template <int Dim>
+RegistrationInput<Dim> pair_of(const ImageGrid<Dim>& grid) {
+  const AnalyticScene<Dim> scene(10, 2.5, 50, 5);
+  RegistrationInput<Dim> input;
+  input.moving = sampled<Dim>(grid, scene);
+  input.fixed = sampled<Dim>(grid, [&](Vector<Dim> x) {
+    x[1] += x[0] > 0 ? 1.5 : -1.5;
+    return scene(x);
+  });
+  return input;
+}
+
+RegistrationInput<2> plane() { return pair_of<2>(centred_grid<2>({30, 26}, {1, 1}, Matrix<2>::Identity())); }
+
+RegistrationOptions quick(SimilarityType similarity = SimilarityType::Ssd) {
+  RegistrationOptions options = default_options(Model::Sliding, similarity, Preset::Balanced);
+  options.pyramid.levels = 2;
+  options.pyramid.finest_level = 0;
+  options.momenta.width_voxels = 5;
+  options.momenta.scales = 2;
+  options.optimisation.max_iterations = 7;
+  options.optimisation.tolerance = options.optimisation.optimality_tolerance = 0;
+  options.momenta.sparsity_path = 1;
+  options.momenta.reweighted_rounds = 0;
+  options.momenta.debias = false;
+  options.threads = 1;
+  return options;
+}
+
+template <int Dim>
+void expect_same_bits(const RegistrationResult<Dim>& a, const RegistrationResult<Dim>& b) {
+  EXPECT_EQ(a.displacement.samples, b.displacement.samples);
+  EXPECT_EQ(a.inverse_displacement.samples, b.inverse_displacement.samples);
+  EXPECT_EQ(a.warped.samples, b.warped.samples);
+  EXPECT_EQ(a.jacobian.samples, b.jacobian.samples);
+  ASSERT_EQ(a.momenta.size(), b.momenta.size());
+  for (std::size_t k = 0; k < a.momenta.size(); ++k)
+    EXPECT_EQ(a.momenta[k].vectors.samples, b.momenta[k].vectors.samples);
+  ASSERT_EQ(a.summary.history.size(), b.summary.history.size());
+  for (std::size_t k = 0; k < a.summary.history.size(); ++k) {
+    const IterationRecord &one = a.summary.history[k], &other = b.summary.history[k];
+    EXPECT_EQ(one.level, other.level);
+    EXPECT_EQ(one.round, other.round);
+    EXPECT_EQ(one.iteration, other.iteration);
+    EXPECT_EQ(one.energy, other.energy);
+    EXPECT_EQ(one.similarity, other.similarity);
+    EXPECT_EQ(one.regularisation, other.regularisation);
+    EXPECT_EQ(one.sparsity, other.sparsity);
+    EXPECT_EQ(one.step, other.step);
+    EXPECT_EQ(one.optimality, other.optimality);
+  }
+  ASSERT_EQ(a.summary.levels.size(), b.summary.levels.size());
+  for (std::size_t k = 0; k < a.summary.levels.size(); ++k) {
+    const LevelSummary &one = a.summary.levels[k], &other = b.summary.levels[k];
+    EXPECT_EQ(one.level, other.level);
+    EXPECT_EQ(one.grid, other.grid);
+    EXPECT_EQ(one.spacing_mm, other.spacing_mm);
+    EXPECT_EQ(one.iterations, other.iterations);
+    EXPECT_EQ(one.evaluations, other.evaluations);
+    EXPECT_EQ(one.rounds, other.rounds);
+    EXPECT_EQ(one.optimality, other.optimality);
+    EXPECT_EQ(one.smoothing_voxels, other.smoothing_voxels);
+    EXPECT_EQ(one.energy_before, other.energy_before);
+    EXPECT_EQ(one.energy_after, other.energy_after);
+    EXPECT_EQ(one.termination, other.termination);
+  }
+  EXPECT_EQ(a.summary.termination, b.summary.termination);
+  EXPECT_EQ(a.summary.similarity_after, b.summary.similarity_after);
+}
+
+/// Runs until `accepted` steps were taken, in all levels, and gives the checkpoint of the last.
+template <int Dim>
+std::string stopped_after(const RegistrationInput<Dim>& input, const RegistrationOptions& options, int accepted,
+                          const std::string& resume = {}) {
+  std::string blob;
+  int steps = 0;
+  bool is_enough = false;
+  const RegistrationResult<Dim> result = register_images<Dim>(
+      input, options, [&](const Progress&) { return is_enough ? ProgressAnswer::Stop : ProgressAnswer::Continue; },
+      {.resume = resume, .offer = [&](const Progress&, const MakeCheckpoint& make) {
+         if (++steps < accepted) return;
+         blob = make();
+         is_enough = true;
+       }});
+  EXPECT_EQ(result.summary.termination, Termination::Stopped);
+  return blob;
+}
+
+template <int Dim>
+void resumes_anywhere(const RegistrationInput<Dim>& input, RegistrationOptions options) {
+  const RegistrationResult<Dim> whole = register_images<Dim>(input, options);
+  const int steps = static_cast<int>(whole.summary.history.size());
+  ASSERT_GT(steps, 9);
+  for (int k = 1; k <= steps; ++k) {
+    SCOPED_TRACE(k);
+    options.threads = 1 + k % 2;
+    const std::string blob = stopped_after<Dim>(input, options, k);
+    options.threads = 1 + k / 2 % 2;
+    expect_same_bits(register_images<Dim>(input, options, {}, {.resume = blob, .offer = {}}), whole);
+  }
+}
+
+TEST(Checkpoint, ResumesAtAnyStepWithTheSameEnd2d) {
+  resumes_anywhere<2>(plane(), quick());
+  resumes_anywhere<2>(plane(), quick(SimilarityType::Lncc));
+}
+
+// The weights of a round come from where it began, which is gone when it is taken up again.
+TEST(Checkpoint, ResumesInAnyRoundWithTheSameEnd) {
+  RegistrationOptions options = quick();
+  options.optimisation.max_iterations = 4;
+  options.momenta.sparsity_path = 2;
+  options.momenta.reweighted_rounds = 1;
+  options.momenta.debias = true;
+  resumes_anywhere<2>(plane(), options);
+}
+
+TEST(Checkpoint, ResumesAtAnyStepWithTheSameEnd3d) {
+  RegistrationInput<3> input = pair_of<3>(centred_grid<3>({14, 12, 8}, {1, 1, 1.5}, Matrix<3>::Identity()));
+  input.fixed_mask = Volume<3>(input.fixed.grid, 1.0f);
+  for (std::size_t i = 0; i < 150; ++i) input.fixed_mask->samples[i] = 0;
+  resumes_anywhere<3>(input, quick());
+}
+
+TEST(Checkpoint, ResumesWhatWasResumed) {
+  const RegistrationInput<2> input = plane();
+  const RegistrationResult<2> whole = register_images<2>(input, quick());
+  std::string blob;
+  for (int stop = 0; stop < 4; ++stop) blob = stopped_after<2>(input, quick(), 2, blob);
+  const RegistrationResult<2> end = register_images<2>(input, quick(), {}, {.resume = blob, .offer = {}});
+  expect_same_bits(end, whole);
+}
+
+TEST(Checkpoint, TellsProgressFromWhereItGoesOn) {
+  const RegistrationInput<2> input = plane();
+  const std::string blob = stopped_after<2>(input, quick(), 10);
+  bool is_first = true;
+  double last = 0;
+  register_images<2>(input, quick(),
+                     [&](const Progress& now) {
+                       if (is_first) {
+                         EXPECT_EQ(now.level, 2);
+                         EXPECT_EQ(now.iteration, 3);
+                         EXPECT_GT(now.energy, 0);
+                       }
+                       is_first = false;
+                       EXPECT_GE(now.fraction, last);
+                       last = now.fraction;
+                       return ProgressAnswer::Continue;
+                     },
+                     {.resume = blob, .offer = {}});
+  EXPECT_FALSE(is_first);
+}
+
+/// What register_images says to a checkpoint, before any work.
+template <int Dim>
+std::string refusal(const RegistrationInput<Dim>& input, const RegistrationOptions& options, const std::string& blob) {
+  try {
+    register_images<Dim>(input, options,
+                         [](const Progress&) {
+                           ADD_FAILURE() << "work began";
+                           return ProgressAnswer::Stop;
+                         },
+                         {.resume = blob, .offer = {}});
+  } catch (const InvalidInput& error) {
+    return error.what();
+  }
+  return "accepted";
+}
+
+TEST(Checkpoint, RefusesWhatIsDamaged) {
+  const RegistrationInput<2> input = plane();
+  const std::string blob = stopped_after<2>(input, quick(), 2);
+  EXPECT_THAT(refusal<2>(input, quick(), "short"), HasSubstr("5 bytes"));
+  EXPECT_THAT(refusal<2>(input, quick(), std::string(blob.size(), 'x')),
+              HasSubstr("not one that register_images made"));
+  for (std::size_t length : {std::size_t(40), blob.size() / 2, blob.size() - 1})
+    EXPECT_THAT(refusal<2>(input, quick(), blob.substr(0, length)), HasSubstr("cut off")) << length;
+  EXPECT_THAT(refusal<2>(input, quick(), blob + "x"), HasSubstr("cut off, it has"));
+  std::string changed = blob;
+  changed[8] = 99;
+  EXPECT_THAT(refusal<2>(input, quick(), changed), HasSubstr("version 99"));
+  for (std::size_t at : {std::size_t(40), blob.size() / 3, blob.size() - 1}) {
+    changed = blob;
+    changed[at] = static_cast<char>(changed[at] ^ 4);
+    EXPECT_THAT(refusal<2>(input, quick(), changed), HasSubstr("its checksum does not match; start again")) << at;
+  }
+}
+
+TEST(Checkpoint, RefusesThatOfAnotherJob) {
+  const RegistrationInput<2> input = plane();
+  const std::string blob = stopped_after<2>(input, quick(), 2);
+  RegistrationInput<2> other = input;
+  other.moving.samples[77] += 1e-4f;
+  EXPECT_THAT(refusal<2>(other, quick(), blob), HasSubstr("belongs to another registration"));
+  other = input;
+  other.fixed.grid.spacing[0] = std::nextafter(1.0, 2.0);
+  EXPECT_THAT(refusal<2>(other, quick(), blob), HasSubstr("belongs to another registration"));
+  other = input;
+  other.fixed_mask = Volume<2>(input.fixed.grid, 1.0f);
+  EXPECT_THAT(refusal<2>(other, quick(), blob), HasSubstr("belongs to another registration"));
+  other = input;
+  other.start.offset[1] = 1e-9;
+  EXPECT_THAT(refusal<2>(other, quick(), blob), HasSubstr("belongs to another registration"));
+  RegistrationOptions options = quick();
+  options.momenta.sparsity = std::nextafter(options.momenta.sparsity, 1.0);
+  EXPECT_THAT(refusal<2>(input, options, blob), HasSubstr("belongs to another registration"));
+  options = quick(SimilarityType::Lncc);
+  EXPECT_THAT(refusal<2>(input, options, blob), HasSubstr("belongs to another registration"));
+}
+
+}  // namespace
+}  // namespace saltus
