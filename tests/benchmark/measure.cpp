@@ -27,12 +27,12 @@ Vector<Dim> voxel_centre(const ImageGrid<Dim>& grid, std::size_t voxel) {
   return grid.to_world(index);
 }
 
-/// Accepted steps whose energy is above that of the step before, on the same level.
+/// Accepted steps whose energy is above that of the step before, on the same level and with the same sparsity weights.
 int energy_rises(const RegistrationSummary& summary) {
   int rises = 0;
   for (std::size_t k = 1; k < summary.history.size(); ++k) {
     const IterationRecord &before = summary.history[k - 1], &now = summary.history[k];
-    rises += now.level == before.level && now.iteration > before.iteration && now.energy > before.energy;
+    rises += now.level == before.level && now.round == before.round && now.energy > before.energy;
   }
   return rises;
 }
