@@ -1,6 +1,7 @@
 #include "core/momenta/momentum_scale.h"
 
 #include "core/kernels/separable_convolution.h"
+#include "core/support/errors.h"
 #include "core/support/reduction.h"
 
 #include <algorithm>
@@ -8,35 +9,44 @@
 namespace saltus {
 
 template <int Dim, class T>
-MomentumScale<Dim, T>::Rows::Rows(const KernelTaps& taps, double slope_factor)
-    : value(taps.value, taps.value_runs, taps.degree),
-      slope(scaled(taps.slope, slope_factor), taps.slope_runs, taps.degree - 1),
-      slope_transposed(reversed(scaled(taps.slope, slope_factor)), reversed(taps.slope_runs), taps.degree - 1),
-      curvature(taps.curvature, taps.curvature_runs, taps.degree - 2),
-      slope_gram(scaled(taps.slope_gram, slope_factor), taps.slope_gram_runs, taps.degree - 1),
-      slope_gram_transposed(reversed(scaled(taps.slope_gram, slope_factor)), reversed(taps.slope_gram_runs),
+MomentumScale<Dim, T>::Rows::Rows(const KernelTaps& taps, double share, double unit, double ratio)
+    : value(scaled(taps.value, share), taps.value_runs, taps.degree),
+      slope(scaled(taps.slope, share * unit * ratio), taps.slope_runs, taps.degree - 1),
+      slope_transposed(reversed(scaled(taps.slope, share * unit * ratio)), reversed(taps.slope_runs), taps.degree - 1),
+      curvature(scaled(taps.curvature, share * unit * unit), taps.curvature_runs, taps.degree - 2),
+      slope_gram(scaled(taps.slope_gram, share * unit * ratio), taps.slope_gram_runs, taps.degree - 1),
+      slope_gram_transposed(reversed(scaled(taps.slope_gram, share * unit * ratio)), reversed(taps.slope_gram_runs),
                             taps.degree - 1) {}
 
 template <int Dim, class T>
 MomentumScale<Dim, T>::MomentumScale(const MomentumScaleOptions<Dim>& options) : options_(options) {
+  const std::vector<KernelComponent>& kernels = options.kernel.components();
+  if (kernels.empty()) throw InvalidInput("a momentum scale has no kernel; give it one");
   const bool zeroth = has_zeroth(options.orders);
   channel_weight_ = zeroth ? options.zeroth_weight : options.first_weight;
-  const double ratio = options.first_weight / channel_weight_;
-  first_order_unit_ = ratio * options.kernel->width();
-  for (int axis = 0; axis < Dim; ++axis) {
-    const KernelTaps taps = cell_averaged_taps(*options.kernel, options.lattice.spacing[axis]);
-    curvature_at_zero_[axis] = taps.curvature[static_cast<std::size_t>(taps.radius)];
-    taps_.emplace_back(taps, ratio);
+  const double ratio = options.first_weight / channel_weight_, width = options.kernel.width();
+  first_order_unit_ = ratio * width;
+  curvature_at_zero_.fill(0);
+  for (const KernelComponent& kernel : kernels) {
+    const double unit = width / kernel.profile->width();
+    Component component;
+    for (int axis = 0; axis < Dim; ++axis) {
+      const KernelTaps taps = cell_averaged_taps(*kernel.profile, options.lattice.spacing[axis]);
+      curvature_at_zero_[axis] += kernel.weight * unit * unit * taps.curvature[static_cast<std::size_t>(taps.radius)];
+      // Whatever is made of a component passes once along x, so the weight sits there.
+      component.emplace_back(taps, axis == 0 ? kernel.weight : 1.0, unit, ratio);
+    }
+    components_.push_back(std::move(component));
   }
-  for (auto& scratch : scratch_) scratch.resize(field_size());
+  for (int k = 0; k < (components_.size() > 1 ? 4 : 3); ++k) scratch_[k].resize(field_size());
 }
 
 /// Convolves with the kernel along all axes above `axis`; the result is in scratch 1 or 2, or `in` itself.
 template <int Dim, class T>
-const T* MomentumScale<Dim, T>::smooth_axes_above(int axis, const T* in) {
+const T* MomentumScale<Dim, T>::smooth_axes_above(const Component& rows, int axis, const T* in) {
   for (int above = Dim - 1; above > axis; --above) {
     T* out = scratch_[in == scratch_[1].data() ? 2 : 1].data();
-    convolve_axis<Dim, T>(lattice(), Dim, above, taps_[above].value, Combine::Replace, in, out);
+    convolve_axis<Dim, T>(lattice(), Dim, above, rows[above].value, Combine::Replace, in, out);
     in = out;
   }
   return in;
@@ -44,20 +54,24 @@ const T* MomentumScale<Dim, T>::smooth_axes_above(int axis, const T* in) {
 
 template <int Dim, class T>
 void MomentumScale<Dim, T>::synthesise(const T* zeroth, const T* first, T* velocity) {
-  // One sweep over the axes, last to first: Z <- K_a Z + D_a (product of K_b, b > a) m_a. Z alternates between
-  // `velocity` and scratch 0 so that it ends in `velocity`.
-  const T* sum = zeroth;
-  for (int axis = Dim - 1; axis >= 0; --axis) {
-    T* out = axis % 2 == 0 ? velocity : scratch_[0].data();
-    if (sum) convolve_axis<Dim, T>(lattice(), Dim, axis, taps_[axis].value, Combine::Replace, sum, out);
-    if (first) {
-      const T* smoothed = smooth_axes_above(axis, first + static_cast<std::size_t>(axis) * field_size());
-      convolve_axis<Dim, T>(lattice(), Dim, axis, taps_[axis].slope, sum ? Combine::Add : Combine::Replace, smoothed,
-                            out);
-    } else if (!sum) {
-      std::fill(out, out + field_size(), T(0));
+  for (std::size_t q = 0; q < components_.size(); ++q) {
+    const Component& rows = components_[q];
+    // One sweep over the axes, last to first: Z <- K_a Z + D_a (product of K_b, b > a) m_a. Z alternates between
+    // scratch 0 and `velocity`, where it ends; later components only add to `velocity`, at the end.
+    const T* sum = zeroth;
+    for (int axis = Dim - 1; axis >= 0; --axis) {
+      T* out = axis == 0 ? velocity : axis == 1 ? scratch_[0].data() : q == 0 ? velocity : scratch_[3].data();
+      Combine combine = axis == 0 && q > 0 ? Combine::Add : Combine::Replace;
+      if (sum) convolve_axis<Dim, T>(lattice(), Dim, axis, rows[axis].value, combine, sum, out);
+      if (sum) combine = Combine::Add;
+      if (first) {
+        const T* smoothed = smooth_axes_above(rows, axis, first + static_cast<std::size_t>(axis) * field_size());
+        convolve_axis<Dim, T>(lattice(), Dim, axis, rows[axis].slope, combine, smoothed, out);
+      } else if (combine == Combine::Replace) {
+        std::fill(out, out + field_size(), T(0));
+      }
+      sum = out;
     }
-    sum = out;
   }
   const T weight = static_cast<T>(channel_weight_);
   const std::size_t count = field_size();
@@ -69,27 +83,35 @@ template <int Dim, class T>
 void MomentumScale<Dim, T>::synthesise_transpose(const T* velocity, T* zeroth, T* first) {
   const T weight = static_cast<T>(channel_weight_);
   const std::size_t count = field_size();
-  // Z alternates between scratch 0 and `zeroth` so that after Dim passes it is in `zeroth`.
-  T* scaled = Dim % 2 == 0 ? zeroth : scratch_[0].data();
+  for (std::size_t q = 0; q < components_.size(); ++q) {
+    const Component& rows = components_[q];
+    const Combine combine = q > 0 ? Combine::Add : Combine::Replace;
+    // Z alternates between scratch 0 and `zeroth`, where it is after Dim passes; later components alternate with
+    // scratch 3 and add to `zeroth` with their last pass.
+    T* other = q == 0 ? zeroth : scratch_[3].data();
+    T* scaled = Dim % 2 == 0 ? other : scratch_[0].data();
 #pragma omp parallel for simd schedule(static)
-  for (std::size_t i = 0; i < count; ++i) scaled[i] = weight * velocity[i];
-  const T* sum = scaled;
-  for (int axis = 0; axis < Dim; ++axis) {
-    if (first) {
-      T* out = first + static_cast<std::size_t>(axis) * field_size();
-      const int above = Dim - 1 - axis;
-      T* slope = above == 0 ? out : scratch_[1].data();
-      convolve_axis<Dim, T>(lattice(), Dim, axis, taps_[axis].slope_transposed, Combine::Replace, sum, slope);
-      const T* in = slope;
-      for (int b = axis + 1; b < Dim; ++b) {
-        T* next = b == Dim - 1 ? out : scratch_[in == scratch_[1].data() ? 2 : 1].data();
-        convolve_axis<Dim, T>(lattice(), Dim, b, taps_[b].value, Combine::Replace, in, next);
-        in = next;
+    for (std::size_t i = 0; i < count; ++i) scaled[i] = weight * velocity[i];
+    const T* sum = scaled;
+    for (int axis = 0; axis < Dim; ++axis) {
+      if (first) {
+        T* out = first + static_cast<std::size_t>(axis) * field_size();
+        const bool is_last = axis == Dim - 1;
+        T* slope = is_last ? out : scratch_[1].data();
+        convolve_axis<Dim, T>(lattice(), Dim, axis, rows[axis].slope_transposed, is_last ? combine : Combine::Replace,
+                              sum, slope);
+        const T* in = slope;
+        for (int b = axis + 1; b < Dim; ++b) {
+          T* next = b == Dim - 1 ? out : scratch_[in == scratch_[1].data() ? 2 : 1].data();
+          convolve_axis<Dim, T>(lattice(), Dim, b, rows[b].value, b == Dim - 1 ? combine : Combine::Replace, in, next);
+          in = next;
+        }
       }
+      const bool is_last = axis == Dim - 1;
+      T* next = is_last ? zeroth : sum == other ? scratch_[0].data() : other;
+      convolve_axis<Dim, T>(lattice(), Dim, axis, rows[axis].value, is_last ? combine : Combine::Replace, sum, next);
+      sum = next;
     }
-    T* next = sum == zeroth ? scratch_[0].data() : zeroth;
-    convolve_axis<Dim, T>(lattice(), Dim, axis, taps_[axis].value, Combine::Replace, sum, next);
-    sum = next;
   }
 }
 
@@ -98,12 +120,15 @@ double MomentumScale<Dim, T>::penalty(const T* zeroth, const T* first, T* zeroth
   const double volume = lattice().cell_volume();
   double energy = 0;
   const auto add = [&](const T* momentum, int curved_axis, double weight, T* gradient) {
-    const T* in = momentum;
-    for (int axis = Dim - 1; axis >= 0; --axis) {
-      T* out = axis == 0 ? gradient : scratch_[in == scratch_[1].data() ? 2 : 1].data();
-      convolve_axis<Dim, T>(lattice(), Dim, axis, axis == curved_axis ? taps_[axis].curvature : taps_[axis].value,
-                            Combine::Replace, in, out);
-      in = out;
+    for (std::size_t q = 0; q < components_.size(); ++q) {
+      const T* in = momentum;
+      for (int axis = Dim - 1; axis >= 0; --axis) {
+        const Rows& rows = components_[q][axis];
+        T* out = axis == 0 ? gradient : scratch_[in == scratch_[1].data() ? 2 : 1].data();
+        convolve_axis<Dim, T>(lattice(), Dim, axis, axis == curved_axis ? rows.curvature : rows.value,
+                              axis == 0 && q > 0 ? Combine::Add : Combine::Replace, in, out);
+        in = out;
+      }
     }
     const T factor = static_cast<T>(weight * volume);
     energy += 0.5 * ordered_sum(field_size(), [&](std::size_t i) {
@@ -123,31 +148,33 @@ double MomentumScale<Dim, T>::penalty(const T* zeroth, const T* first, T* zeroth
 template <int Dim, class T>
 double MomentumScale<Dim, T>::total_energy(const T* zeroth, const T* first) {
   // Pairs of orders (-1 is order 0), each with its separable kernel: value, slope or curvature along each axis.
-  const double ratio = first_order_unit_ / options_.kernel->width();
+  const double ratio = first_order_unit_ / options_.kernel.width();
   Field<T> smoothed(field_size()), next(field_size());
   double twice = 0;
   const auto momentum = [&](int order) {
     return order < 0 ? zeroth : first + static_cast<std::size_t>(order) * field_size();
   };
   const int lowest = zeroth ? -1 : 0, highest = first ? Dim - 1 : -1;
-  for (int left = lowest; left <= highest; ++left)
-    for (int right = lowest; right <= highest; ++right) {
-      const T* source = momentum(right);
-      std::copy(source, source + field_size(), smoothed.begin());
-      double factor = channel_weight_ * lattice().cell_volume();
-      for (int axis = 0; axis < Dim; ++axis) {
-        const bool by_left = left == axis, by_right = right == axis;
-        const AxisTaps<T>& taps = by_left && by_right ? taps_[axis].curvature
-                                  : by_right          ? taps_[axis].slope_gram
-                                  : by_left           ? taps_[axis].slope_gram_transposed
-                                                      : taps_[axis].value;
-        if (by_left && by_right) factor *= ratio * ratio;
-        convolve_axis<Dim, T>(lattice(), Dim, axis, taps, Combine::Replace, smoothed.data(), next.data());
-        std::swap(smoothed, next);
+  for (const Component& component : components_)
+    for (int left = lowest; left <= highest; ++left)
+      for (int right = lowest; right <= highest; ++right) {
+        const T* source = momentum(right);
+        std::copy(source, source + field_size(), smoothed.begin());
+        double factor = channel_weight_ * lattice().cell_volume();
+        for (int axis = 0; axis < Dim; ++axis) {
+          const Rows& rows = component[axis];
+          const bool by_left = left == axis, by_right = right == axis;
+          const AxisTaps<T>& taps = by_left && by_right ? rows.curvature
+                                    : by_right          ? rows.slope_gram
+                                    : by_left           ? rows.slope_gram_transposed
+                                                        : rows.value;
+          if (by_left && by_right) factor *= ratio * ratio;
+          convolve_axis<Dim, T>(lattice(), Dim, axis, taps, Combine::Replace, smoothed.data(), next.data());
+          std::swap(smoothed, next);
+        }
+        const T* target = momentum(left);
+        twice += factor * ordered_sum(field_size(), [&](std::size_t i) { return double(target[i]) * smoothed[i]; });
       }
-      const T* target = momentum(left);
-      twice += factor * ordered_sum(field_size(), [&](std::size_t i) { return double(target[i]) * smoothed[i]; });
-    }
   return twice / 2;
 }
 

@@ -2,8 +2,9 @@
 
 #include "core/grid/lattice.h"
 #include "core/kernels/axis_taps.h"
+#include "core/kernels/kernel_sum.h"
 
-#include <memory>
+#include <vector>
 
 namespace saltus {
 
@@ -16,21 +17,26 @@ inline bool has_first(Orders orders) { return orders != Orders::Zeroth; }
 /// What a scale is made of.
 template <int Dim>
 struct MomentumScaleOptions {
-  std::shared_ptr<const KernelProfile> kernel;
+  KernelSum kernel;
   Lattice<Dim> lattice;
   Orders orders = Orders::Zeroth;
   double zeroth_weight = 1;  ///< a_0 = 1 / (weight of 1/2 ||v_0||^2)
   double first_weight = 1;   ///< a_1 = 1 / (weight of 1/2 ||v_i||^2)
+  /// Unit vectors w, Dim components a site (see directional_momentum.h): who optimises first orders then has one field
+  /// m_w and expands it. Empty: one field for each axis. The scale itself always sees the Dim fields.
+  Field<double> direction = {};
 };
 
-/// Momenta of one kernel width on one lattice, as cell averages, and the velocity they make:
+/// Momenta of one kernel on one lattice, as cell averages, and the velocity they make:
 ///
 ///     v = a_0 K * m_0 + a_1 sigma sum_i D^i K * m_i       (K with unit mass; Bao et al., eq. 3.5)
+///
+/// K may be a weighted sum of several widths; sigma is KernelSum::width. Costs below are for one component.
 ///
 /// A field of order 0 is interleaved (Dim values a site); order 1 is Dim such fields, one for each derivative axis. The
 /// field m_i is staggered: its value at a site belongs to the face half a sample up axis i, where it makes a jump.
 /// With unit-mass kernels all momenta are comparable to velocities (mm): v is about a_0 m_0 where m_0 is smooth, and a
-/// sheet of m_i one face thick makes a jump of -4 a_1 h / mass times it, with no sample inside.
+/// sheet of m_i one face thick makes a jump of -4 a_1 h / mass times it, with no sample inside (C0 Wendland).
 /// Not for concurrent use: holds scratch memory. Threads inside (OpenMP).
 template <int Dim, class T>
 class MomentumScale {
@@ -67,15 +73,17 @@ class MomentumScale {
  private:
   struct Rows {
     AxisTaps<T> value, slope, slope_transposed, curvature, slope_gram, slope_gram_transposed;
-    Rows(const KernelTaps& taps, double slope_factor);
+    /// All taps times `share`, and once for each derivative times `unit`; slopes also times `ratio`, a_1 / a_0.
+    Rows(const KernelTaps& taps, double share, double unit, double ratio);
   };
-  const T* smooth_axes_above(int axis, const T* in);
+  using Component = std::vector<Rows>;  ///< by axis
+  const T* smooth_axes_above(const Component& rows, int axis, const T* in);
 
   MomentumScaleOptions<Dim> options_;
   double first_order_unit_, channel_weight_;
-  std::vector<Rows> taps_;  ///< by axis
+  std::vector<Component> components_;
   std::array<double, Dim> curvature_at_zero_;
-  std::vector<T> scratch_[3];
+  std::vector<T> scratch_[4];  ///< the last one only where several components add up
 };
 
 }  // namespace saltus

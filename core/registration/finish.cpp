@@ -1,5 +1,7 @@
 #include "core/registration/finish.h"
 
+#include "core/momenta/directional_momentum.h"
+
 #include "core/flow/backward_map.h"
 #include "core/grid/interpolation.h"
 
@@ -132,8 +134,8 @@ void collect_momenta(const std::vector<MomentumScale<Dim, float>*>& scales, cons
   for (const MomentumScale<Dim, float>* scale : scales) {
     const Lattice<Dim>& lattice = scale->lattice();
     MomentumField<Dim> field;
-    field.kernel = scale->options().kernel->name();
-    field.width_mm = scale->options().kernel->width();
+    field.kernel = scale->options().kernel.name();
+    field.width_mm = scale->options().kernel.width();
     ImageGrid<Dim> grid = fixed;
     Vector<Dim> offset;
     for (int axis = 0; axis < Dim; ++axis) {
@@ -142,24 +144,35 @@ void collect_momenta(const std::vector<MomentumScale<Dim, float>*>& scales, cons
       offset[axis] = lattice.offset[axis];
     }
     grid.origin = fixed.origin + fixed.direction * offset;
-    const auto take = [&](int axis) {
+    const auto take = [&](int axis, const float* values) {
       field.axis = axis;
       field.vectors = VectorVolume<Dim>(grid);
       for (std::size_t site = 0; site < lattice.sites(); ++site) {
         bool is_active = false;
         for (int c = 0; c < Dim; ++c) {
-          const float value = momenta[at + Dim * site + c];
+          const float value = values[Dim * site + c];
           field.vectors.component(c)[site] = value;
           is_active = is_active || value != 0;
         }
         if (axis >= 0) sites_active += is_active, ++sites_all;
       }
-      at += scale->field_size();
       result.momenta.push_back(field);
     };
-    if (has_zeroth(scale->options().orders)) take(-1);
-    if (scale->has_first_order())
-      for (int axis = 0; axis < Dim; ++axis) take(axis);
+    if (has_zeroth(scale->options().orders)) {
+      take(-1, momenta.data() + at);
+      at += scale->field_size();
+    }
+    if (!scale->has_first_order()) continue;
+    std::vector<float> expanded;
+    const float* first = momenta.data() + at;
+    const bool is_directional = !scale->options().direction.empty();
+    if (is_directional) {
+      expanded.resize(Dim * scale->field_size());
+      DirectionalMomentum<Dim, float>(scale->options().direction).expand(first, expanded.data());
+      first = expanded.data();
+    }
+    at += (is_directional ? 1 : Dim) * scale->field_size();
+    for (int axis = 0; axis < Dim; ++axis) take(axis, first + static_cast<std::size_t>(axis) * scale->field_size());
   }
   if (sites_all > 0) result.summary.active_first_order_share = static_cast<double>(sites_active) / sites_all;
 }

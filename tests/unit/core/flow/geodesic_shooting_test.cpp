@@ -116,7 +116,7 @@ double error_against_particles(double h) {
   const double sigma = 20, a0 = 1.7, strength = 1200;
   const Lattice<2> where = square(static_cast<int>(100 / h) + 1, h);
   MomentumScale<2, double> scale({make_gaussian_profile(sigma), where, Orders::Zeroth, a0, 1.0});
-  const double mass = scale.options().kernel->mass(), c = a0 / (mass * mass);
+  const double mass = scale.options().kernel.components().front().profile->mass(), c = a0 / (mass * mass);
   const Particles start{{{40, 46}, {52, 52}, {46, 62}},
                         {strength * Vector<2>(9, 4), strength * Vector<2>(-7, 3), strength * Vector<2>(2, -10)}};
   const auto site = [&](const Vector<2>& x) {

@@ -5,9 +5,11 @@
 #include <algorithm>
 #include <cmath>
 #include <functional>
+#include <limits>
 #include <ostream>
 #include <string>
 
+#include "core/support/errors.h"
 #include "tests/support/finite_differences.h"
 #include "tests/support/random_fields.h"
 
@@ -26,7 +28,7 @@ Lattice<Dim> lattice() {
 }
 
 template <int Dim>
-MomentumScaleOptions<Dim> options(Orders orders, std::shared_ptr<const KernelProfile> kernel) {
+MomentumScaleOptions<Dim> options(Orders orders, KernelSum kernel) {
   return {std::move(kernel), lattice<Dim>(), orders, 2.5, 0.8};
 }
 
@@ -41,26 +43,33 @@ Index<Dim> index_of(const Lattice<Dim>& where, std::size_t site) {
   return index;
 }
 
-/// The matrices of a scale, entry by entry: products of one-dimensional taps (which tests/conformance/kernels checks).
+/// The matrices of a scale, entry by entry: sums over components of products of one-dimensional taps (which
+/// tests/conformance/kernels checks).
 template <int Dim>
 class Dense {
  public:
   explicit Dense(const MomentumScaleOptions<Dim>& made) : made_(made) {
-    for (int axis = 0; axis < Dim; ++axis) taps_[axis] = cell_averaged_taps(*made.kernel, made.lattice.spacing[axis]);
+    for (const KernelComponent& component : made.kernel.components()) {
+      taps_.emplace_back();
+      for (int axis = 0; axis < Dim; ++axis)
+        taps_.back()[axis] = cell_averaged_taps(*component.profile, made.lattice.spacing[axis]);
+    }
   }
 
   /// sample <- sample, or sample <- face of `axis`.
   double velocity_entry(std::size_t to, std::size_t from, int order) const {
-    return product(to, from, [&](int axis) { return axis == order ? &KernelTaps::slope : &KernelTaps::value; }, {});
+    return sum(to, from, order < 0 ? 0 : 1,
+               [&](int axis) { return axis == order ? &KernelTaps::slope : &KernelTaps::value; }, {});
   }
   /// What v_i has with itself.
   double gram_entry(std::size_t to, std::size_t from, int order) const {
-    return product(to, from, [&](int axis) { return axis == order ? &KernelTaps::curvature : &KernelTaps::value; }, {});
+    return sum(to, from, order < 0 ? 0 : 2,
+               [&](int axis) { return axis == order ? &KernelTaps::curvature : &KernelTaps::value; }, {});
   }
   /// (element of order `left` | K element of order `right`); -1 is order 0. <d m, K d m> = -<m, K'' m>.
   double energy_entry(std::size_t to, std::size_t from, int left, int right) const {
-    return product(
-        to, from,
+    return sum(
+        to, from, (left < 0 ? 0 : 1) + (right < 0 ? 0 : 1),
         [&](int axis) {
           return axis == left && axis == right   ? &KernelTaps::curvature
                  : axis == left || axis == right ? &KernelTaps::slope_gram
@@ -70,22 +79,28 @@ class Dense {
   }
 
  private:
+  /// Each derivative of component q carries sigma of the whole, where its taps carry sigma_q.
   template <class Choose>
-  double product(std::size_t to, std::size_t from, Choose&& choose,
-                 const std::function<bool(int)>& is_transposed) const {
+  double sum(std::size_t to, std::size_t from, int derivatives, Choose&& choose,
+             const std::function<bool(int)>& is_transposed) const {
     const Index<Dim> a = index_of(made_.lattice, to), b = index_of(made_.lattice, from);
-    double value = 1;
-    for (int axis = 0; axis < Dim; ++axis) {
-      int t = a[axis] - b[axis];
-      if (is_transposed && is_transposed(axis)) t = -t;
-      const KernelTaps& taps = taps_[axis];
-      value *= std::abs(t) <= taps.radius ? (taps.*choose(axis))[static_cast<std::size_t>(t + taps.radius)] : 0.0;
+    double total = 0;
+    for (std::size_t q = 0; q < taps_.size(); ++q) {
+      const KernelComponent& component = made_.kernel.components()[q];
+      double value = component.weight * std::pow(made_.kernel.width() / component.profile->width(), derivatives);
+      for (int axis = 0; axis < Dim; ++axis) {
+        int t = a[axis] - b[axis];
+        if (is_transposed && is_transposed(axis)) t = -t;
+        const KernelTaps& taps = taps_[q][axis];
+        value *= std::abs(t) <= taps.radius ? (taps.*choose(axis))[static_cast<std::size_t>(t + taps.radius)] : 0.0;
+      }
+      total += value;
     }
-    return value;
+    return total;
   }
 
   const MomentumScaleOptions<Dim>& made_;
-  std::array<KernelTaps, Dim> taps_;
+  std::vector<std::array<KernelTaps, Dim>> taps_;
 };
 
 struct Case {
@@ -101,10 +116,17 @@ void PrintTo(const Case& how, std::ostream* out) { *out << name_of(how); }
 
 class MomentumScaleTest : public ::testing::TestWithParam<Case> {
  protected:
+  /// Three components, so that what is kept from one to the next is used twice.
+  static KernelSum mixed() {
+    return KernelSum(
+        {{2.0, make_wendland_profile(3.2)}, {1.0, make_wendland_profile(7.5)}, {0.5, make_gaussian_profile(1.4)}});
+  }
   template <int Dim>
   MomentumScaleOptions<Dim> made() const {
-    const bool gaussian = std::string(GetParam().kernel) == "gaussian";
-    return options<Dim>(GetParam().orders, gaussian ? make_gaussian_profile(1.8) : make_wendland_profile(3.2));
+    const std::string kernel = GetParam().kernel;
+    return options<Dim>(GetParam().orders, kernel == "gaussian"   ? KernelSum(make_gaussian_profile(1.8))
+                                           : kernel == "wendland" ? KernelSum(make_wendland_profile(3.2))
+                                                                  : mixed());
   }
 };
 
@@ -245,7 +267,8 @@ INSTANTIATE_TEST_SUITE_P(Orders, MomentumScaleTest,
                          ::testing::Values(Case{Orders::Zeroth, "gaussian"}, Case{Orders::Zeroth, "wendland"},
                                            Case{Orders::First, "wendland"}, Case{Orders::First, "gaussian"},
                                            Case{Orders::ZerothAndFirst, "wendland"},
-                                           Case{Orders::ZerothAndFirst, "gaussian"}),
+                                           Case{Orders::ZerothAndFirst, "gaussian"}, Case{Orders::Zeroth, "sum"},
+                                           Case{Orders::First, "sum"}, Case{Orders::ZerothAndFirst, "sum"}),
                          [](const auto& info) { return name_of(info.param); });
 
 /// A smooth bump on 48 x 48 mm, its value and gradient with respect to mm.
@@ -278,7 +301,7 @@ struct SampledMomenta {
 };
 
 /// Energy and velocity of momenta that together make no element, as shares of what m_x (or m_y) alone makes.
-std::vector<double> what_is_left(std::shared_ptr<const KernelProfile> kernel, int per_mm) {
+std::vector<double> what_is_left(KernelSum kernel, int per_mm) {
   const Lattice<2> where = Bump::lattice(per_mm);
   MomentumScale<2, double> scale({std::move(kernel), where, Orders::ZerothAndFirst, 1.0, 0.5});
   const double unit = scale.first_order_unit();
@@ -306,10 +329,12 @@ std::vector<double> what_is_left(std::shared_ptr<const KernelProfile> kernel, in
 // Oracle: rho = m_0 + unit (d_x m_x + d_y m_y) = 0 has no velocity and no energy; a wrong sign or factor of any cross
 // term leaves as much as there was. What the spacing leaves falls with its square.
 TEST(MomentumScaleCancellation, OfOrdersThatMakeNoElementLeavesNothing) {
-  for (const char* name : {"gaussian", "wendland"}) {
+  for (const char* name : {"gaussian", "wendland", "sum"}) {
     SCOPED_TRACE(name);
-    const std::shared_ptr<const KernelProfile> kernel =
-        name[0] == 'g' ? make_gaussian_profile(6) : make_wendland_profile(9);
+    const KernelSum kernel = name[0] == 'g' ? KernelSum(make_gaussian_profile(6))
+                             : name[0] == 'w'
+                                 ? KernelSum(make_wendland_profile(9))
+                                 : KernelSum({{1.0, make_wendland_profile(7)}, {0.5, make_wendland_profile(12)}});
     const std::vector<double> coarse = what_is_left(kernel, 1), fine = what_is_left(kernel, 2);
     for (std::size_t k = 0; k < coarse.size(); ++k) {
       EXPECT_LT(coarse[k], 0.03);
@@ -336,7 +361,7 @@ TEST(MomentumScaleSheet, JumpsBetweenTwoNeighbouringSamplesInTheMomentumsDirecti
     for (std::size_t i = 0; i < 61; ++i) EXPECT_EQ(along(i, axis), 0);  // nothing flows through the sheet
     const double below = along(30, tangent) + 0.5 * (along(30, tangent) - along(29, tangent));
     const double above = along(31, tangent) - 0.5 * (along(32, tangent) - along(31, tangent));
-    const double jump = -4 * a1 * h / made.kernel->mass() * 0.7;
+    const double jump = -4 * a1 * h / made.kernel.components().front().profile->mass() * 0.7;
     EXPECT_NEAR(above - below, jump, 1e-12);
     for (std::size_t i = 15; i < 45; ++i)
       if (i != 30) {
@@ -359,6 +384,47 @@ TEST(MomentumScaleSheet, KeepsItsJumpWhenTheSpacingIsHalvedAtEqualMomentumPerAre
     jumps[fine] = (at[2] - 0.5 * (at[4] - at[2])) - (at[0] + 0.5 * (at[0] - at[-2]));
   }
   EXPECT_NEAR(jumps[0], jumps[1], 1e-6 * std::abs(jumps[0]));
+}
+
+// Oracle: linearity. The sum of two widths makes what both make, in their shares, and the jumps of a sheet add.
+TEST(KernelSumScale, MakesTheWeightedSumOfWhatItsComponentsMake) {
+  const Lattice<2> where{{40, 33}, {1.0, 1.3}, {}};
+  const KernelSum both({{3.0, make_wendland_profile(5)}, {1.0, make_wendland_profile(13)}});
+  EXPECT_DOUBLE_EQ(both.width(), 7);
+  EXPECT_EQ(both.name(), "wendland sum");
+  MomentumScale<2, double> sum({both, where, Orders::ZerothAndFirst, 1.5, 0.5});
+  const std::vector<double> zeroth = random_values(sum.field_size(), 1), first = random_values(2 * sum.field_size(), 2);
+  std::vector<double> v(sum.field_size()), expected(v.size(), 0.0), part(v.size());
+  sum.synthesise(zeroth.data(), first.data(), v.data());
+  for (const KernelComponent& component : both.components()) {
+    // sigma of the whole instead of sigma_q.
+    const double a1 = 0.5 * both.width() / component.profile->width();
+    MomentumScale<2, double> alone({component.profile, where, Orders::ZerothAndFirst, 1.5, a1});
+    alone.synthesise(zeroth.data(), first.data(), part.data());
+    for (std::size_t i = 0; i < v.size(); ++i) expected[i] += component.weight * part[i];
+  }
+  for (std::size_t i = 0; i < v.size(); ++i) ASSERT_NEAR(v[i], expected[i], 1e-12);
+}
+
+TEST(KernelSumScale, OfOneComponentIsThatKernelBitByBit) {
+  const Lattice<3> where{{12, 9, 8}, {1.0, 1.3, 2}, {}};
+  MomentumScale<3, float> alone({make_wendland_profile(6), where, Orders::ZerothAndFirst, 1.5, 0.5});
+  MomentumScale<3, float> sum({KernelSum(std::vector<KernelComponent>{{7.0, make_wendland_profile(6)}}), where,
+                               Orders::ZerothAndFirst, 1.5, 0.5});
+  const std::vector<double> values = random_values(4 * alone.field_size(), 1);
+  const std::vector<float> m(values.begin(), values.end());
+  std::vector<float> a(alone.field_size()), b(a.size());
+  alone.synthesise(m.data(), m.data() + a.size(), a.data());
+  sum.synthesise(m.data(), m.data() + a.size(), b.data());
+  EXPECT_EQ(a, b);
+}
+
+TEST(KernelSumScale, RefusesWhatIsNoKernel) {
+  EXPECT_THROW(KernelSum(std::vector<KernelComponent>{}), InvalidInput);
+  EXPECT_THROW(KernelSum({{1.0, make_wendland_profile(6)}, {0.0, make_wendland_profile(6)}}), InvalidInput);
+  EXPECT_THROW(KernelSum({{std::numeric_limits<double>::quiet_NaN(), make_wendland_profile(6)}}), InvalidInput);
+  EXPECT_THROW(KernelSum(std::vector<KernelComponent>{{1.0, nullptr}}), InvalidInput);
+  EXPECT_THROW((MomentumScale<2, double>({{}, lattice<2>(), Orders::Zeroth, 1.0, 1.0})), InvalidInput);
 }
 
 }  // namespace
