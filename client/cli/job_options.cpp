@@ -66,7 +66,7 @@ void add_job_options(CLI::App& app, JobOptions& options) {
   app.add_option("--moving", options.moving, "Image that is deformed onto it (required)")
       ->type_name("IMAGE")
       ->check(CLI::ExistingFile);
-  app.add_option("--model", options.model, "sliding, gaussian, wendland or wendland1")->capture_default_str();
+  app.add_option("--model", options.model, "sliding, gaussian, wendland, wendland1 or directional")->capture_default_str();
   app.add_option("--similarity", options.similarity, "ssd or lncc")->capture_default_str();
   app.add_option("--preset", options.preset, "fast, balanced or accurate")->capture_default_str();
   app.add_option("--fixed-mask", options.fixed_mask, "What is 0 in it counts for nothing; on the fixed image's grid")

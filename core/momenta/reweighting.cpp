@@ -42,10 +42,10 @@ void add_neighbours(const Lattice<Dim>& lattice, std::vector<float>& values) {
 }  // namespace
 
 template <int Dim, class T>
-std::vector<std::vector<float>> reweighted_factors(const Lattice<Dim>& lattice, const T* first) {
+std::vector<std::vector<float>> reweighted_factors(const Lattice<Dim>& lattice, const T* first, int fields) {
   std::vector<std::vector<float>> factors;
   float largest = 0;
-  for (int axis = 0; axis < Dim; ++axis) {
+  for (int axis = 0; axis < fields; ++axis) {
     factors.push_back(sizes(lattice, first + axis * Dim * lattice.sites()));
     add_neighbours(lattice, factors.back());
     largest = std::max(largest, *std::max_element(factors.back().begin(), factors.back().end()));
@@ -57,18 +57,18 @@ std::vector<std::vector<float>> reweighted_factors(const Lattice<Dim>& lattice, 
 }
 
 template <int Dim, class T>
-std::vector<std::vector<float>> support_factors(const Lattice<Dim>& lattice, const T* first) {
+std::vector<std::vector<float>> support_factors(const Lattice<Dim>& lattice, const T* first, int fields) {
   std::vector<std::vector<float>> factors;
-  for (int axis = 0; axis < Dim; ++axis) {
+  for (int axis = 0; axis < fields; ++axis) {
     factors.push_back(sizes(lattice, first + axis * Dim * lattice.sites()));
     for (float& factor : factors.back()) factor = factor > 0 ? 0 : std::numeric_limits<float>::infinity();
   }
   return factors;
 }
 
-#define SALTUS_INSTANTIATE(DIM, T)                                                            \
-  template std::vector<std::vector<float>> reweighted_factors(const Lattice<DIM>&, const T*); \
-  template std::vector<std::vector<float>> support_factors(const Lattice<DIM>&, const T*)
+#define SALTUS_INSTANTIATE(DIM, T)                                                                 \
+  template std::vector<std::vector<float>> reweighted_factors(const Lattice<DIM>&, const T*, int); \
+  template std::vector<std::vector<float>> support_factors(const Lattice<DIM>&, const T*, int)
 SALTUS_INSTANTIATE(2, float);
 SALTUS_INSTANTIATE(3, float);
 SALTUS_INSTANTIATE(2, double);

@@ -9,13 +9,13 @@ namespace saltus {
 ///
 ///     factor = 1 / (0.15 + 10 s / max s)     s = |m_i| summed over 3^Dim sites, max over all sites and axes
 ///
-/// so a momentum is judged by its neighbourhood along the interface. `first` holds Dim fields one after the other;
-/// returns Dim vectors, one factor a site.
+/// so a momentum is judged by its neighbourhood along the interface. `first` holds `fields` fields (Dim, or one where
+/// momenta have a direction of their own) one after the other; returns as many vectors, one factor a site.
 template <int Dim, class T>
-std::vector<std::vector<float>> reweighted_factors(const Lattice<Dim>& lattice, const T* first);
+std::vector<std::vector<float>> reweighted_factors(const Lattice<Dim>& lattice, const T* first, int fields = Dim);
 
 /// Factors that set groups free (0) where the momentum is not zero and keep all others at zero (infinity).
 template <int Dim, class T>
-std::vector<std::vector<float>> support_factors(const Lattice<Dim>& lattice, const T* first);
+std::vector<std::vector<float>> support_factors(const Lattice<Dim>& lattice, const T* first, int fields = Dim);
 
 }  // namespace saltus

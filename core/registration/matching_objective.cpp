@@ -20,16 +20,27 @@ MatchingObjective<Dim, T>::MatchingObjective(std::vector<MomentumScale<Dim, T>*>
       map_(level.lattice, level.lattice, level.time_steps) {
   for (const MomentumScale<Dim, T>* scale : scales_) {
     if (has_zeroth(scale->options().orders)) size_ += scale->field_size();
-    if (!scale->has_first_order()) continue;
+    if (!scale->has_first_order()) {
+      along_.emplace_back();
+      continue;
+    }
+    const double weight = sparsity * scale->options().first_weight * scale->lattice().cell_volume();
+    if (!scale->options().direction.empty()) {
+      // The stiffness of m_w is sum_i w_i^2 times those of the axes; one number must do, and their mean is near.
+      double stiffness = 0;
+      for (int axis = 0; axis < Dim; ++axis) stiffness += scale->first_order_stiffness(axis) / Dim;
+      sparsity_.push_back({size_, size_ + scale->field_size(), Dim, weight, 1 / stiffness, {}});
+      size_ += scale->field_size();
+      along_.push_back({std::make_unique<DirectionalMomentum<Dim, T>>(scale->options().direction),
+                        std::vector<T>(Dim * scale->field_size()), std::vector<T>(Dim * scale->field_size())});
+      continue;
+    }
     for (int axis = 0; axis < Dim; ++axis) {
-      sparsity_.push_back({size_,
-                           size_ + scale->field_size(),
-                           Dim,
-                           sparsity * scale->options().first_weight * scale->lattice().cell_volume(),
-                           1 / scale->first_order_stiffness(axis),
-                           {}});
+      sparsity_.push_back(
+          {size_, size_ + scale->field_size(), Dim, weight, 1 / scale->first_order_stiffness(axis), {}});
       size_ += scale->field_size();
     }
+    along_.emplace_back();
   }
   const std::size_t sites = level.lattice.sites();
   warped_.resize(sites);
@@ -59,13 +70,18 @@ template <int Dim, class T>
 std::vector<MomentumPointers<T>> MatchingObjective<Dim, T>::pointers(const std::vector<T>& x) const {
   std::vector<MomentumPointers<T>> all;
   std::size_t at = 0;
-  for (const MomentumScale<Dim, T>* scale : scales_) {
+  for (std::size_t s = 0; s < scales_.size(); ++s) {
+    const MomentumScale<Dim, T>* scale = scales_[s];
     MomentumPointers<T> momenta;
     if (has_zeroth(scale->options().orders)) {
       momenta.zeroth = x.data() + at;
       at += scale->field_size();
     }
-    if (scale->has_first_order()) {
+    if (along_[s].momentum) {
+      along_[s].momentum->expand(x.data() + at, along_[s].first.data());
+      momenta.first = along_[s].first.data();
+      at += scale->field_size();
+    } else if (scale->has_first_order()) {
       momenta.first = x.data() + at;
       at += Dim * scale->field_size();
     }
@@ -77,39 +93,73 @@ std::vector<MomentumPointers<T>> MatchingObjective<Dim, T>::pointers(const std::
 template <int Dim, class T>
 std::vector<MomentumTargets<T>> MatchingObjective<Dim, T>::targets(std::vector<T>& x) const {
   std::vector<MomentumTargets<T>> all;
-  for (const MomentumPointers<T>& momenta : pointers(x))
-    all.push_back({const_cast<T*>(momenta.zeroth), const_cast<T*>(momenta.first)});
+  std::size_t at = 0;
+  for (std::size_t s = 0; s < scales_.size(); ++s) {
+    const MomentumScale<Dim, T>* scale = scales_[s];
+    MomentumTargets<T> momenta;
+    if (has_zeroth(scale->options().orders)) {
+      momenta.zeroth = x.data() + at;
+      at += scale->field_size();
+    }
+    if (along_[s].momentum) {
+      momenta.first = along_[s].first_gradient.data();  // contract() brings it to x
+      at += scale->field_size();
+    } else if (scale->has_first_order()) {
+      momenta.first = x.data() + at;
+      at += Dim * scale->field_size();
+    }
+    all.push_back(momenta);
+  }
   return all;
+}
+
+/// Gradients of the m_i of scales with directions -> those of m_w, in x's layout.
+template <int Dim, class T>
+void MatchingObjective<Dim, T>::contract(std::vector<T>& gradient) const {
+  std::size_t range = 0;
+  for (std::size_t s = 0; s < scales_.size(); ++s) {
+    if (!scales_[s]->has_first_order()) continue;
+    if (along_[s].momentum)
+      along_[s].momentum->contract(along_[s].first_gradient.data(), gradient.data() + sparsity_[range].begin);
+    range += along_[s].momentum ? 1 : Dim;
+  }
 }
 
 template <int Dim, class T>
 void MatchingObjective<Dim, T>::drop_normal_components(std::vector<T>& x) const {
-  for (std::size_t r = 0; r < sparsity_.size(); ++r) {
-    const std::size_t axis = r % Dim;
-    for (std::size_t i = sparsity_[r].begin; i < sparsity_[r].end; i += Dim) x[i + axis] = 0;
+  std::size_t range = 0;
+  for (std::size_t s = 0; s < scales_.size(); ++s) {
+    if (!scales_[s]->has_first_order()) continue;
+    if (along_[s].momentum) {
+      along_[s].momentum->drop_normal(x.data() + sparsity_[range++].begin);
+      continue;
+    }
+    for (std::size_t axis = 0; axis < Dim; ++axis, ++range)
+      for (std::size_t i = sparsity_[range].begin; i < sparsity_[range].end; i += Dim) x[i + axis] = 0;
   }
 }
 
 template <int Dim, class T>
 void MatchingObjective<Dim, T>::weigh(const SparsityRound& round, const std::vector<T>& x) {
-  const std::vector<MomentumPointers<T>> momenta = pointers(x);
   std::size_t range = 0;
   for (std::size_t s = 0; s < scales_.size(); ++s) {
     if (!scales_[s]->has_first_order()) continue;
     const Lattice<Dim>& lattice = scales_[s]->lattice();
+    const int fields = along_[s].momentum ? 1 : Dim;
+    const T* first = x.data() + sparsity_[range].begin;
     std::vector<std::vector<float>> factors;
     switch (round.weights) {
       case SparsityRound::Weights::Even:
-        factors.assign(Dim, std::vector<float>(round.factor == 1 ? 0 : lattice.sites(), round.factor));
+        factors.assign(fields, std::vector<float>(round.factor == 1 ? 0 : lattice.sites(), round.factor));
         break;
       case SparsityRound::Weights::Reweighted:
-        factors = reweighted_factors<Dim, T>(lattice, momenta[s].first);
+        factors = reweighted_factors<Dim, T>(lattice, first, fields);
         break;
       case SparsityRound::Weights::Debiased:
-        factors = support_factors<Dim, T>(lattice, momenta[s].first);
+        factors = support_factors<Dim, T>(lattice, first, fields);
         break;
     }
-    for (int axis = 0; axis < Dim; ++axis) sparsity_[range++].factors = std::move(factors[axis]);
+    for (int axis = 0; axis < fields; ++axis) sparsity_[range++].factors = std::move(factors[axis]);
   }
 }
 
@@ -177,6 +227,7 @@ Evaluation MatchingObjective<Dim, T>::evaluate(const std::vector<T>& x, std::vec
     }
   map_.adjoint(shooting_.velocities(), displacement_dual_, velocity_duals_);
   shooting_.adjoint(momenta, velocity_duals_, gradients, scaled);
+  contract(gradient);
 
   for (const GroupSparsity& range : sparsity_)
     for (std::size_t i = range.begin; i < range.end; ++i)

@@ -3,6 +3,7 @@
 #include "core/flow/backward_map.h"
 #include "core/flow/geodesic_shooting.h"
 #include "core/grid/warp.h"
+#include "core/momenta/directional_momentum.h"
 #include "core/optimisation/objective.h"
 #include "core/registration/sparsity_rounds.h"
 #include "core/similarity/similarity.h"
@@ -33,8 +34,8 @@ struct MatchingLevel {
 };
 
 /// E(m) = weight * E_S(I0 o psi_1, I1) + sum over scales and orders of 1/2 ||v_i(0)||^2 + divergence penalty, with its
-/// exact discrete gradient. x holds, scale by scale, the order-0 field and then the Dim order-1 fields, as far as a
-/// scale has them.
+/// exact discrete gradient. x holds, scale by scale, the order-0 field and then the Dim order-1 fields (one field m_w
+/// where the scale has directions), as far as a scale has them.
 template <int Dim, class T>
 class MatchingObjective final : public Objective<T> {
  public:
@@ -68,8 +69,16 @@ class MatchingObjective final : public Objective<T> {
   std::vector<MomentumPointers<T>> pointers(const std::vector<T>& x) const;
   std::vector<MomentumTargets<T>> targets(std::vector<T>& x) const;
   void drop_normal_components(std::vector<T>& x) const;
+  void contract(std::vector<T>& gradient) const;
+
+  /// What a scale with directions needs: m_i made of m_w, and where gradients of m_i go before they become one of m_w.
+  struct Along {
+    std::unique_ptr<DirectionalMomentum<Dim, T>> momentum;
+    mutable std::vector<T> first, first_gradient;
+  };
 
   std::vector<MomentumScale<Dim, T>*> scales_;
+  std::vector<Along> along_;  ///< by scale; no momentum: first orders lie in x as they are
   const MatchingLevel<Dim, T>& level_;
   std::unique_ptr<Similarity<Dim, T>> similarity_;
   GeodesicShooting<Dim, T> shooting_;

@@ -26,13 +26,13 @@ std::size_t memory_estimate(const ImageGrid<Dim>& fixed, const ImageGrid<Dim>& m
   for (int q = m.finest_scale; q < m.finest_scale + m.scales; ++q) {
     const double sites = static_cast<double>(level_lattice(image, q).sites());
     unknowns += Dim * sites;
-    level_bytes += sites * ((2 * nodes + 10) * vector + scatter + 2 * Dim * vector);
+    level_bytes += sites * ((2 * nodes + 11) * vector + scatter + 2 * Dim * vector);
   }
   for (int q = m.first_order_finest_scale; q < m.first_order_finest_scale + m.first_order_scales; ++q) {
     if (q > std::max(m.finest_scale + m.scales - 1, m.first_order_finest_scale)) break;
     const double sites = static_cast<double>(level_lattice(image, q).sites());
     unknowns += Dim * Dim * sites;
-    level_bytes += sites * ((2 * nodes + 10) * vector + scatter + 5 * Dim * vector + (2 + Dim) * (1 + Dim) * vector);
+    level_bytes += sites * ((2 * nodes + 11) * vector + scatter + 5 * Dim * vector + (2 + Dim) * (1 + Dim) * vector);
   }
   // L-BFGS: three vectors a pair, ten of its own.
   level_bytes += unknowns * scalar * (3 * options.optimisation.history + 11);

@@ -21,6 +21,7 @@ using Names = std::vector<std::pair<Value, const char*>>;
 const Names<Model> kModels = {{Model::Gaussian, "gaussian"},
                               {Model::Wendland, "wendland"},
                               {Model::Wendland1, "wendland1"},
+                              {Model::Directional, "directional"},
                               {Model::Sliding, "sliding"}};
 const Names<SimilarityType> kSimilarities = {{SimilarityType::Ssd, "ssd"}, {SimilarityType::Lncc, "lncc"}};
 const Names<Preset> kPresets = {{Preset::Fast, "fast"}, {Preset::Balanced, "balanced"}, {Preset::Accurate, "accurate"}};
@@ -150,6 +151,83 @@ Parameter choice(std::string name, const Names<Value>& names, std::string descri
           [](const RegistrationOptions&) { return true; }};
 }
 
+bool parse_number(std::string_view digits, double& value) {
+  const auto [end, error] = std::from_chars(digits.data(), digits.data() + digits.size(), value);
+  return error == std::errc() && end == digits.data() + digits.size();
+}
+
+/// "6:1,12:0.5", or "none" for an empty list.
+bool parse_widths(std::string_view text, std::vector<KernelWidth>& widths) {
+  widths.clear();
+  if (text == "none") return true;
+  for (;;) {
+    const std::string_view one = text.substr(0, text.find(','));
+    const std::size_t colon = one.find(':');
+    if (colon == std::string_view::npos) return false;
+    KernelWidth width;
+    if (!parse_number(one.substr(0, colon), width.voxels) || !parse_number(one.substr(colon + 1), width.weight))
+      return false;
+    widths.push_back(width);
+    if (one.size() == text.size()) return true;
+    text.remove_prefix(one.size() + 1);
+  }
+}
+
+std::string format(const std::vector<KernelWidth>& widths) {
+  std::string text;
+  for (const KernelWidth& width : widths)
+    text += (text.empty() ? "" : ",") + format(width.voxels) + ":" + format(width.weight);
+  return text.empty() ? "none" : text;
+}
+
+template <class Access>
+Parameter direction(std::string name, std::string description, Access access) {
+  return {std::move(name),
+          "",
+          "none or 2 or 3 numbers with commas between, a vector of length 1",
+          std::move(description),
+          [access](const RegistrationOptions& o) {
+            std::string text;
+            for (double component : access(const_cast<RegistrationOptions&>(o)))
+              text += (text.empty() ? "" : ",") + format(component);
+            return text.empty() ? "none" : text;
+          },
+          [access](RegistrationOptions& o, std::string_view text) {
+            std::vector<double>& vector = access(o);
+            vector.clear();
+            if (text == "none") return true;
+            for (;;) {
+              const std::string_view one = text.substr(0, text.find(','));
+              if (!parse_number(one, vector.emplace_back())) return false;
+              if (one.size() == text.size()) return true;
+              text.remove_prefix(one.size() + 1);
+            }
+          },
+          [access](const RegistrationOptions& o) {
+            const std::vector<double>& vector = access(const_cast<RegistrationOptions&>(o));
+            double square = 0;
+            for (double component : vector) square += component * component;
+            return vector.empty() ||
+                   ((vector.size() == 2 || vector.size() == 3) && std::abs(std::sqrt(square) - 1) <= 0.01);
+          }};
+}
+
+template <class Access>
+Parameter kernel_widths(std::string name, std::string unit, std::string description, Access access) {
+  return {std::move(name),
+          std::move(unit),
+          "none or up to 8 of WIDTH:WEIGHT with commas between, widths 1 to 64, weights > 0",
+          std::move(description),
+          [access](const RegistrationOptions& o) { return format(access(const_cast<RegistrationOptions&>(o))); },
+          [access](RegistrationOptions& o, std::string_view text) { return parse_widths(text, access(o)); },
+          [access](const RegistrationOptions& o) {
+            const std::vector<KernelWidth>& widths = access(const_cast<RegistrationOptions&>(o));
+            return widths.size() <= 8 && std::all_of(widths.begin(), widths.end(), [](const KernelWidth& width) {
+                     return width.voxels >= 1 && width.voxels <= 64 && width.weight > 0 && std::isfinite(width.weight);
+                   });
+          }};
+}
+
 const std::vector<Parameter>& parameters() {
   using O = RegistrationOptions;
   constexpr double inf = std::numeric_limits<double>::infinity();
@@ -163,6 +241,12 @@ const std::vector<Parameter>& parameters() {
       real(
           "width_voxels", "voxels of the scale", 1, Lower::Inclusive, 64, "kernel width sigma of every scale",
           [](O & o) -> auto& { return o.momenta.width_voxels; }),
+      kernel_widths(
+          "kernel_widths", "voxels of the scale",
+          "the kernel of every scale as a weighted sum of widths, in place of width_voxels; 6:1,12:0.5 is two thirds "
+          "of "
+          "width 6 and one of 12; each width costs as much as the first",
+          [](O & o) -> auto& { return o.momenta.kernel_widths; }),
       integer(
           "scales", "", 0, 8, "number of order-0 scales, each twice as wide as the next finer; 0: one a level",
           [](O & o) -> auto& { return o.momenta.scales; }),
@@ -198,6 +282,11 @@ const std::vector<Parameter>& parameters() {
       boolean(
           "debias", "solve a level once more on the first-order momenta found, without their sparsity term",
           [](O & o) -> auto& { return o.momenta.debias; }),
+      direction(
+          "direction",
+          "model directional only: unit normal, in world coordinates (LPS), of the interface that may slide, such as "
+          "1,0,0; none when a field of directions is given",
+          [](O & o) -> auto& { return o.momenta.direction; }),
       boolean(
           "shear_only", "leave out the component of m_i along axis i, so that a jump can only slide",
           [](O & o) -> auto& { return o.momenta.shear_only; }),
@@ -329,6 +418,7 @@ RegistrationOptions default_options(Model model, SimilarityType similarity, Pres
       o.momenta.first_order_scales = 0;
       break;
     case Model::Wendland1:
+    case Model::Directional:
       o.momenta.first_order_scales = 8;  // beside every order-0 scale
       break;
     case Model::Sliding:

@@ -10,9 +10,15 @@
 namespace saltus {
 
 /// See the table in core/README.md for what each model is made of.
-enum class Model { Gaussian, Wendland, Wendland1, Sliding };
+enum class Model { Gaussian, Wendland, Wendland1, Directional, Sliding };
 /// How much work is spent: `Fast` < `Balanced` < `Accurate`.
 enum class Preset { Fast, Balanced, Accurate };
+
+/// One width of a kernel that is a sum, and its share relative to the other weights.
+struct KernelWidth {
+  double voxels = 0;
+  double weight = 1;
+};
 
 /// Everything that can be chosen about a registration. Defaults depend on model, similarity and preset and are
 /// made in one place, default_options. All expert parameters have a name for set_parameter.
@@ -29,19 +35,21 @@ struct RegistrationOptions {
   } pyramid;
 
   struct Momenta {
-    double width_voxels = 6;  ///< kernel width sigma, in reference voxels of each momentum scale
-    int scales = 0;           ///< number of order-0 scales, each twice as wide as the next; 0: one a level
-    int finest_scale = -1;    ///< q: the finest order-0 scale has 2^q reference voxels; -1: that of the finest level,
-                              ///< -2: the next coarser
+    double width_voxels = 6;                 ///< kernel width sigma, in reference voxels of each momentum scale
+    std::vector<KernelWidth> kernel_widths;  ///< the kernel of every scale as a sum of widths; empty: width_voxels
+    int scales = 0;         ///< number of order-0 scales, each twice as wide as the next; 0: one a level
+    int finest_scale = -1;  ///< q: the finest order-0 scale has 2^q reference voxels; -1: that of the finest level,
+                            ///< -2: the next coarser
     double regularisation = 0.01;              ///< weight of 1/2 ||v_0||^2, per mm^2
     int first_order_scales = 0;                ///< number of order-1 scales; 0 leaves order 1 out
     int first_order_finest_scale = -1;         ///< as finest_scale, for order 1 (-1 or more)
     double first_order_regularisation = 0.01;  ///< weight of 1/2 ||v_i||^2, per mm^2
     double sparsity = 0;                       ///< lambda of the group L1 on a_1 m_i (a velocity), per mm
     int sparsity_path = 1;  ///< weights lambda 2^(n-1), ..., lambda that a level is solved with, one after the other
-    int reweighted_rounds = 0;  ///< times that a level is solved again with weights made from the momenta found
-    bool debias = false;        ///< a last round without sparsity on the momenta found
-    bool shear_only = false;    ///< drop component i of m_i, so that a jump can only slide
+    int reweighted_rounds = 0;      ///< times that a level is solved again with weights made from the momenta found
+    bool debias = false;            ///< a last round without sparsity on the momenta found
+    std::vector<double> direction;  ///< of the derivative of model directional: a unit vector, world (LPS)
+    bool shear_only = false;        ///< drop component i of m_i, so that a jump can only slide
   } momenta;
 
   struct Flow {

@@ -2,6 +2,7 @@
 
 #include "core/optimisation/lbfgs.h"
 #include "core/registration/blank_images.h"
+#include "core/registration/direction.h"
 #include "core/registration/finish.h"
 #include "core/registration/image_pyramid.h"
 #include "core/registration/input_checks.h"
@@ -88,6 +89,7 @@ RegistrationResult<Dim> register_images(const RegistrationInput<Dim>& input, con
   const std::vector<std::string> wrong = problems(asked);
   if (!wrong.empty()) throw InvalidInput(wrong.front());
   const RegistrationOptions options = resolved(asked, lattice_of(input.fixed.grid));
+  const Field<double> directions = frame_directions(input, options);
 #ifdef _OPENMP
   const ThreadCount threads(options.threads);
 #endif
@@ -99,7 +101,7 @@ RegistrationResult<Dim> register_images(const RegistrationInput<Dim>& input, con
   const ImagePyramid<Dim> pyramid(input, options);
   summary.noise = pyramid.noise();
   summary.similarity_weight = pyramid.similarity_weight();
-  std::vector<PlacedScale<Dim, Scalar>> scales = make_scales<Dim, Scalar>(pyramid.fixed_lattice(), options);
+  std::vector<PlacedScale<Dim, Scalar>> scales = make_scales<Dim, Scalar>(pyramid.fixed_lattice(), options, directions);
 
   summary.notices = blank_images(input);
   const bool is_blank = !summary.notices.empty();

@@ -17,6 +17,8 @@ struct RegistrationInput {
   std::optional<Volume<Dim>> fixed_mask;   ///< on the fixed grid; what is 0 contributes nothing
   std::optional<Volume<Dim>> moving_mask;  ///< on the moving grid
   AffineMap<Dim> start;                    ///< fixed world -> moving world, before the deformation
+  /// Model directional: unit vectors (or 0: nothing slides) on the fixed grid, world (LPS), normal to what may slide.
+  std::optional<VectorVolume<Dim>> direction;
 };
 
 /// Registers `moving` to `fixed`. Throws InvalidInput before any work when input or options cannot be used,

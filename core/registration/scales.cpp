@@ -1,5 +1,7 @@
 #include "core/registration/scales.h"
 
+#include "core/momenta/directional_momentum.h"
+
 #include <algorithm>
 #include <cmath>
 
@@ -20,8 +22,23 @@ RegistrationOptions resolved(const RegistrationOptions& options, const Lattice<D
   return resolved(options, Dim, largest);
 }
 
+namespace {
+
+/// The kernel of a scale whose voxel is `voxel_mm`.
+KernelSum kernel_of(const RegistrationOptions::Momenta& momenta, double voxel_mm,
+                    std::unique_ptr<KernelProfile> (*make)(double)) {
+  if (momenta.kernel_widths.empty()) return make(momenta.width_voxels * voxel_mm);
+  std::vector<KernelComponent> components;
+  for (const KernelWidth& width : momenta.kernel_widths)
+    components.push_back({width.weight, make(width.voxels * voxel_mm)});
+  return KernelSum(std::move(components));
+}
+
+}  // namespace
+
 template <int Dim, class T>
-std::vector<PlacedScale<Dim, T>> make_scales(const Lattice<Dim>& image, const RegistrationOptions& options) {
+std::vector<PlacedScale<Dim, T>> make_scales(const Lattice<Dim>& image, const RegistrationOptions& options,
+                                             const Field<double>& directions) {
   const RegistrationOptions::Momenta& momenta = options.momenta;
   const double reference = *std::min_element(image.spacing.begin(), image.spacing.end());
   const bool gaussian = options.model == Model::Gaussian || options.model == Model::Sliding;
@@ -33,23 +50,24 @@ std::vector<PlacedScale<Dim, T>> make_scales(const Lattice<Dim>& image, const Re
     const bool zeroth = is_at(q, momenta.finest_scale, momenta.scales);
     const bool first = is_at(q, momenta.first_order_finest_scale, momenta.first_order_scales) &&
                        q <= std::max(coarsest, momenta.first_order_finest_scale);
-    const double width = std::ldexp(momenta.width_voxels * reference, q);
-    const auto place = [&](Orders orders, std::unique_ptr<KernelProfile> kernel) {
+    const auto place = [&](Orders orders, std::unique_ptr<KernelProfile> (*make)(double)) {
       MomentumScaleOptions<Dim> made;
-      made.kernel = std::move(kernel);
+      made.kernel = kernel_of(momenta, std::ldexp(reference, q), make);
       made.lattice = level_lattice(image, q);
       made.orders = orders;
-      made.zeroth_weight = 1 / (momenta.regularisation);
+      if (has_first(orders) && options.model == Model::Directional)
+        made.direction = nearest_directions<Dim>(image, directions, made.lattice);
+      made.zeroth_weight = 1 / momenta.regularisation;
       made.first_weight = 1 / momenta.first_order_regularisation;
       scales.push_back({q, std::make_unique<MomentumScale<Dim, T>>(made)});
     };
     // Both orders share a lattice sweep when they share the kernel.
     if (zeroth && first && !gaussian) {
-      place(Orders::ZerothAndFirst, make_wendland_profile(width));
+      place(Orders::ZerothAndFirst, make_wendland_profile);
       continue;
     }
-    if (zeroth) place(Orders::Zeroth, gaussian ? make_gaussian_profile(width) : make_wendland_profile(width));
-    if (first) place(Orders::First, make_wendland_profile(width));
+    if (zeroth) place(Orders::Zeroth, gaussian ? make_gaussian_profile : make_wendland_profile);
+    if (first) place(Orders::First, make_wendland_profile);
   }
   return scales;
 }
@@ -58,9 +76,13 @@ template RegistrationOptions resolved(const RegistrationOptions&, const Lattice<
 template RegistrationOptions resolved(const RegistrationOptions&, const Lattice<3>&);
 template Lattice<2> level_lattice(const Lattice<2>&, int);
 template Lattice<3> level_lattice(const Lattice<3>&, int);
-template std::vector<PlacedScale<2, float>> make_scales(const Lattice<2>&, const RegistrationOptions&);
-template std::vector<PlacedScale<3, float>> make_scales(const Lattice<3>&, const RegistrationOptions&);
-template std::vector<PlacedScale<2, double>> make_scales(const Lattice<2>&, const RegistrationOptions&);
-template std::vector<PlacedScale<3, double>> make_scales(const Lattice<3>&, const RegistrationOptions&);
+template std::vector<PlacedScale<2, float>> make_scales(const Lattice<2>&, const RegistrationOptions&,
+                                                        const Field<double>&);
+template std::vector<PlacedScale<3, float>> make_scales(const Lattice<3>&, const RegistrationOptions&,
+                                                        const Field<double>&);
+template std::vector<PlacedScale<2, double>> make_scales(const Lattice<2>&, const RegistrationOptions&,
+                                                         const Field<double>&);
+template std::vector<PlacedScale<3, double>> make_scales(const Lattice<3>&, const RegistrationOptions&,
+                                                         const Field<double>&);
 
 }  // namespace saltus

@@ -25,8 +25,11 @@ template <int Dim>
 RegistrationOptions resolved(const RegistrationOptions& options, const Lattice<Dim>& image);
 
 /// The scales that resolved options ask for, coarsest first. Scale q lives on the lattice of level q with kernel width
-/// width_voxels * reference spacing * 2^q; the order-0 kernel of `sliding` is Gaussian, its order-1 kernel Wendland.
+/// `directions` are those of frame_directions, for model directional. Width: width_voxels * reference spacing * 2^q, or
+/// the sum of widths that kernel_widths asks for; the order-0 kernel of `sliding` is Gaussian, its order-1 kernel
+/// Wendland.
 template <int Dim, class T>
-std::vector<PlacedScale<Dim, T>> make_scales(const Lattice<Dim>& image, const RegistrationOptions& options);
+std::vector<PlacedScale<Dim, T>> make_scales(const Lattice<Dim>& image, const RegistrationOptions& options,
+                                             const Field<double>& directions = {});
 
 }  // namespace saltus

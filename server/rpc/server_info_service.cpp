@@ -11,7 +11,7 @@ grpc::ServerUnaryReactor* ServerInfoServiceImpl::GetServerInfo(grpc::CallbackSer
                                                                const v1::GetServerInfoRequest*, v1::ServerInfo* info) {
   return answer_now(context, [&] {
     info->set_version(version_);
-    for (const Model model : {Model::Gaussian, Model::Wendland, Model::Wendland1, Model::Sliding})
+    for (const Model model : {Model::Gaussian, Model::Wendland, Model::Wendland1, Model::Directional, Model::Sliding})
       info->add_models(to_string(model));
     for (const SimilarityType similarity : {SimilarityType::Ssd, SimilarityType::Lncc})
       info->add_similarities(to_string(similarity));

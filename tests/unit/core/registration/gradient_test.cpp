@@ -16,6 +16,7 @@ struct Case {
   SimilarityType similarity;
   bool masks;
   Evolution evolution = Evolution::Exact;
+  std::vector<KernelWidth> kernel_widths = {};
 };
 
 template <int Dim>
@@ -38,11 +39,20 @@ void expect_taylor_slope_two(const Case& test) {
   const Lattice<Dim> lattice = small_lattice<Dim>();
   RegistrationOptions options = default_options(test.model, test.similarity, Preset::Balanced);
   options.momenta.width_voxels = 4;
+  options.momenta.kernel_widths = test.kernel_widths;
   options.momenta.scales = 2;
   options.momenta.finest_scale = options.momenta.first_order_finest_scale = 0;
   if (options.momenta.first_order_scales > 0) options.momenta.first_order_scales = test.model == Model::Sliding ? 1 : 2;
   options.momenta.regularisation = options.momenta.first_order_regularisation = 0.05;
-  auto placed = make_scales<Dim, double>(lattice, options);
+  std::vector<double> directions;  // any unit vectors, and none here and there
+  if (test.model == Model::Directional) {
+    directions = random_values(Dim * lattice.sites(), 7);
+    for (std::size_t site = 0; site < lattice.sites(); ++site) {
+      Eigen::Map<Vector<Dim>> w(directions.data() + Dim * site);
+      w = site % 5 == 0 ? Vector<Dim>::Zero() : Vector<Dim>(w.normalized());
+    }
+  }
+  auto placed = make_scales<Dim, double>(lattice, options, directions);
   std::vector<MomentumScale<Dim, double>*> scales;
   for (auto& scale : placed) scales.push_back(scale.scale.get());
 
@@ -107,17 +117,20 @@ TEST_P(Gradient, HasTaylorSlopeTwoInThreeDimensions) { expect_taylor_slope_two<3
 
 std::vector<Case> all_cases() {
   std::vector<Case> cases;
-  for (Model model : {Model::Gaussian, Model::Wendland, Model::Wendland1, Model::Sliding})
+  for (Model model : {Model::Gaussian, Model::Wendland, Model::Wendland1, Model::Directional, Model::Sliding})
     for (SimilarityType similarity : {SimilarityType::Ssd, SimilarityType::Lncc})
       for (bool masks : {false, true}) cases.push_back({model, similarity, masks});
-  for (Model model : {Model::Gaussian, Model::Wendland1})
+  for (Model model : {Model::Gaussian, Model::Wendland1, Model::Directional})
     for (Evolution evolution : {Evolution::PerOrder, Evolution::Carried})
       cases.push_back({model, SimilarityType::Ssd, false, evolution});
+  for (Model model : {Model::Gaussian, Model::Wendland1, Model::Directional, Model::Sliding})
+    cases.push_back({model, SimilarityType::Ssd, false, Evolution::Exact, {{3, 1}, {8, 0.5}}});
   return cases;
 }
 
 INSTANTIATE_TEST_SUITE_P(Models, Gradient, ::testing::ValuesIn(all_cases()), [](const auto& info) {
   return to_string(info.param.model) + "_" + to_string(info.param.similarity) + (info.param.masks ? "_masks" : "") +
+         (info.param.kernel_widths.empty() ? "" : "_sum") +
          (info.param.evolution == Evolution::Exact      ? ""
           : info.param.evolution == Evolution::PerOrder ? "_per_order"
                                                         : "_carried");

@@ -1,0 +1,63 @@
+// The expert parameter kernel_widths, and that the scales are made of it.
+#include <gtest/gtest.h>
+
+#include <cmath>
+
+#include "core/registration/scales.h"
+#include "core/support/errors.h"
+
+namespace saltus {
+namespace {
+
+std::string listed(const RegistrationOptions& options) {
+  for (const ParameterInfo& info : list_parameters(options))
+    if (info.name == "kernel_widths") return info.value;
+  return "not listed";
+}
+
+TEST(KernelWidths, AreReadAndListed) {
+  RegistrationOptions options;
+  EXPECT_EQ(listed(options), "none");
+  set_parameter(options, "kernel_widths", "6:1,12:0.5");
+  ASSERT_EQ(options.momenta.kernel_widths.size(), 2u);
+  EXPECT_EQ(options.momenta.kernel_widths[1].voxels, 12);
+  EXPECT_EQ(options.momenta.kernel_widths[1].weight, 0.5);
+  EXPECT_EQ(listed(options), "6:1,12:0.5");
+  EXPECT_TRUE(problems(options).empty());
+  set_parameter(options, "kernel_widths", "none");
+  EXPECT_TRUE(options.momenta.kernel_widths.empty());
+}
+
+TEST(KernelWidths, AreRefusedWithTheirValue) {
+  RegistrationOptions options;
+  for (const char* wrong : {"", "6", "6:", ":1", "6:1,", "6:1;12:1", "6:0", "6:-1", "0.5:1", "65:1", "6:inf", "nan:1",
+                            "6:1,12:x", "1:1,1:1,1:1,1:1,1:1,1:1,1:1,1:1,1:1"}) {
+    try {
+      set_parameter(options, "kernel_widths", wrong);
+      ADD_FAILURE() << "took '" << wrong << "'";
+    } catch (const InvalidInput& error) {
+      EXPECT_NE(std::string(error.what()).find("kernel_widths is '" + std::string(wrong) + "'"), std::string::npos)
+          << error.what();
+    }
+    EXPECT_TRUE(options.momenta.kernel_widths.empty());
+  }
+}
+
+TEST(KernelWidths, AreVoxelsOfEachScale) {
+  const Lattice<2> image{{64, 64}, {0.5, 0.5}, {}};
+  RegistrationOptions options = default_options(Model::Wendland1, SimilarityType::Ssd, Preset::Balanced);
+  options.momenta.kernel_widths = {{6, 3}, {10, 1}};
+  const auto scales = make_scales<2, float>(image, resolved(options, image));
+  ASSERT_GE(scales.size(), 2u);
+  for (const auto& placed : scales) {
+    const KernelSum& kernel = placed.scale->options().kernel;
+    ASSERT_EQ(kernel.components().size(), 2u);
+    EXPECT_DOUBLE_EQ(kernel.components()[0].weight, 0.75);
+    EXPECT_DOUBLE_EQ(kernel.components()[0].profile->width(), std::ldexp(3.0, placed.level));
+    EXPECT_DOUBLE_EQ(kernel.components()[1].profile->width(), std::ldexp(5.0, placed.level));
+    EXPECT_EQ(kernel.name(), "wendland sum");
+  }
+}
+
+}  // namespace
+}  // namespace saltus
