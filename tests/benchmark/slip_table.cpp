@@ -1,10 +1,33 @@
 #include "tests/benchmark/slip_table.h"
 
+#include <cmath>
 #include <ostream>
 
 #include "tests/benchmark/measure.h"
 
 namespace saltus::benchmark {
+namespace {
+
+/// The scene's own normals within 6 mm of its interface: model directional is told where and how it slides.
+VectorVolume<2> normals(const Scene<2>& scene, const ImageGrid<2>& grid) {
+  VectorVolume<2> field(grid);
+  for (std::size_t voxel = 0; voxel < grid.voxels(); ++voxel) {
+    const auto nx = static_cast<std::size_t>(grid.size[0]);
+    const Vector<2> x = grid.to_world({static_cast<double>(voxel % nx), static_cast<double>(voxel / nx)});
+    if (!(std::abs(scene.interface_distance(x)) < 6)) continue;
+    Vector<2> n;
+    for (int c = 0; c < 2; ++c) {
+      Vector<2> step = Vector<2>::Zero();
+      step[c] = 0.01;
+      n[c] = scene.interface_distance(x + step) - scene.interface_distance(x - step);
+    }
+    n.normalize();
+    for (int c = 0; c < 2; ++c) field.component(c)[voxel] = static_cast<float>(n[c]);
+  }
+  return field;
+}
+
+}  // namespace
 
 std::vector<Row> slip_rows(bool is_quick, std::ostream& log) {
   std::vector<std::pair<std::string, PhantomOptions>> scenes;
@@ -21,8 +44,10 @@ std::vector<Row> slip_rows(bool is_quick, std::ostream& log) {
 
   std::vector<Row> rows;
   for (const auto& [scene, phantom] : scenes) {
-    const Pair<2> pair = pair_of<2>(phantom);
-    for (Model model : {Model::Gaussian, Model::Wendland, Model::Wendland1, Model::Sliding}) {
+    Pair<2> pair = pair_of<2>(phantom);
+    for (Model model : {Model::Gaussian, Model::Wendland, Model::Wendland1, Model::Directional, Model::Sliding}) {
+      pair.input.direction.reset();
+      if (model == Model::Directional) pair.input.direction = normals(*pair.scene, pair.input.fixed.grid);
       RegistrationOptions options = default_options(model, SimilarityType::Ssd, Preset::Balanced);
       options.threads = 1;
       if (is_quick) options.optimisation.max_iterations = 10;
