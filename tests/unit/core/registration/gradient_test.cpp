@@ -46,7 +46,7 @@ void expect_taylor_slope_two(const Case& test) {
   options.momenta.regularisation = options.momenta.first_order_regularisation = 0.05;
   std::vector<double> directions;  // any unit vectors, and none here and there
   if (test.model == Model::Directional) {
-    directions = random_values(Dim * lattice.sites(), 7);
+    directions = random_values(Dim * lattice.sites(), 71);  // a seed whose scene has no kink within the steps below
     for (std::size_t site = 0; site < lattice.sites(); ++site) {
       Eigen::Map<Vector<Dim>> w(directions.data() + Dim * site);
       w = site % 5 == 0 ? Vector<Dim>::Zero() : Vector<Dim>(w.normalized());
