@@ -273,7 +273,8 @@ TEST(RegisterImages, RecoversASlip) {
 // What a mask hides may hold anything, on every level.
 TEST(RegisterImages, IgnoresWhatTheMasksHide) {
   RegistrationInput<2> input = sliding_pair<2>(plane(), 1.0);
-  input.fixed_mask = input.moving_mask = Volume<2>(plane(), 1.0f);
+  input.fixed_mask.emplace(plane(), 1.0f);
+  input.moving_mask = input.fixed_mask;
   const std::size_t hidden = input.fixed.samples.size() / 4;
   std::fill_n(input.fixed_mask->samples.begin(), hidden, 0.0f);
   std::fill_n(input.moving_mask->samples.rbegin(), hidden, 0.0f);
