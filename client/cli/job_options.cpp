@@ -30,6 +30,15 @@ std::vector<std::string> split(const std::string& text, char separator) {
   return parts;
 }
 
+/// "a, b or c".
+template <class Value>
+std::string alternatives(const std::vector<Value>& values) {
+  std::string text;
+  for (std::size_t i = 0; i < values.size(); ++i)
+    text += (i == 0 ? "" : i + 1 == values.size() ? " or " : ", ") + to_string(values[i]);
+  return text;
+}
+
 RegistrationOptions chosen_defaults(const JobOptions& options) {
   return default_options(parse_model(options.model), parse_similarity(options.similarity),
                          parse_preset(options.preset));
@@ -66,9 +75,9 @@ void add_job_options(CLI::App& app, JobOptions& options) {
   app.add_option("--moving", options.moving, "Image that is deformed onto it (required)")
       ->type_name("IMAGE")
       ->check(CLI::ExistingFile);
-  app.add_option("--model", options.model, "sliding, gaussian, wendland, wendland1 or directional")->capture_default_str();
-  app.add_option("--similarity", options.similarity, "ssd or lncc")->capture_default_str();
-  app.add_option("--preset", options.preset, "fast, balanced or accurate")->capture_default_str();
+  app.add_option("--model", options.model, alternatives(all_models()))->capture_default_str();
+  app.add_option("--similarity", options.similarity, alternatives(all_similarities()))->capture_default_str();
+  app.add_option("--preset", options.preset, alternatives(all_presets()))->capture_default_str();
   app.add_option("--fixed-mask", options.fixed_mask, "What is 0 in it counts for nothing; on the fixed image's grid")
       ->type_name("IMAGE")
       ->check(CLI::ExistingFile);

@@ -185,18 +185,15 @@ void summarise_similarity(const MatchingLevel<Dim, float>& full, const Registrat
   const auto similarity =
       make_similarity<Dim, float>(options.similarity, lattice, options.similarity_parameters,
                                   *std::min_element(lattice.spacing.begin(), lattice.spacing.end()));
+  std::vector<float> warped, weights, gradient(sites);
+  const auto shown = [&] { return weights.empty() ? nullptr : weights.data(); };
   const auto evaluate = [&](const Field<float>& displacement) {
-    std::vector<float> warped(sites), gradient(sites), weights = full.fixed_weights;
-    warp<Dim, float>(full.moving, lattice, displacement.data(), warped.data());
-    if (!full.moving_weights.samples.empty()) {
-      weights.resize(sites);
-      warp<Dim, float>(full.moving_weights, lattice, displacement.data(), weights.data());
-      for (std::size_t i = 0; i < full.fixed_weights.size(); ++i) weights[i] *= full.fixed_weights[i];
-    }
-    return similarity->evaluate(full.fixed.data(), warped.data(), weights.empty() ? nullptr : weights.data(),
-                                gradient.data(), nullptr);
+    warp_level<Dim, float>(full, displacement, warped, weights);
+    return similarity->evaluate(full.fixed.data(), warped.data(), shown(), gradient.data(), nullptr);
   };
-  Field<float> frame(Dim * sites, 0.0f);
+  const Field<float> frame(Dim * sites, 0.0f);
+  warp_level<Dim, float>(full, frame, warped, weights);
+  similarity->prepare(full.fixed.data(), warped.data(), shown());
   result.summary.similarity_before = evaluate(frame);
   result.summary.similarity_after = evaluate(backward);
 }

@@ -10,6 +10,20 @@
 namespace saltus {
 
 template <int Dim, class T>
+void warp_level(const MatchingLevel<Dim, T>& level, const Field<T>& displacement, std::vector<T>& warped,
+                std::vector<T>& weights) {
+  warped.resize(level.lattice.sites());
+  warp<Dim, T>(level.moving, level.lattice, displacement.data(), warped.data());
+  if (level.moving_weights.samples.empty()) {
+    weights = level.fixed_weights;
+    return;
+  }
+  weights.resize(level.lattice.sites());
+  warp<Dim, T>(level.moving_weights, level.lattice, displacement.data(), weights.data());
+  for (std::size_t i = 0; i < level.fixed_weights.size(); ++i) weights[i] *= level.fixed_weights[i];
+}
+
+template <int Dim, class T>
 MatchingObjective<Dim, T>::MatchingObjective(std::vector<MomentumScale<Dim, T>*> scales,
                                              const MatchingLevel<Dim, T>& level,
                                              std::unique_ptr<Similarity<Dim, T>> similarity, double sparsity)
@@ -43,15 +57,12 @@ MatchingObjective<Dim, T>::MatchingObjective(std::vector<MomentumScale<Dim, T>*>
     along_.emplace_back();
   }
   const std::size_t sites = level.lattice.sites();
-  warped_.resize(sites);
   image_dual_.resize(sites);
   displacement_dual_.resize(Dim * sites);
   velocity_duals_.assign(level.time_steps + 1, Field<T>(Dim * sites));
-  weights_ = level.fixed_weights;
-  if (!level.moving_weights.samples.empty()) {
-    weights_.resize(sites);
-    weight_dual_.resize(sites);
-  }
+  if (!level.moving_weights.samples.empty()) weight_dual_.resize(sites);
+  warp_level<Dim, T>(level, displacement_dual_, warped_, weights_);  // the dual is still 0: at rest
+  similarity_->prepare(level.fixed.data(), warped_.data(), weights_.empty() ? nullptr : weights_.data());
 }
 
 template <int Dim, class T>
@@ -194,12 +205,8 @@ Evaluation MatchingObjective<Dim, T>::evaluate(const std::vector<T>& x, std::vec
 
   shooting_.shoot(momenta);
   const Field<T>& displacement = map_.follow(shooting_.velocities());
-  warp<Dim, T>(level_.moving, level_.lattice, displacement.data(), warped_.data());
   const bool moving_weights = !level_.moving_weights.samples.empty();
-  if (moving_weights) {
-    warp<Dim, T>(level_.moving_weights, level_.lattice, displacement.data(), weights_.data());
-    for (std::size_t i = 0; i < level_.fixed_weights.size(); ++i) weights_[i] *= level_.fixed_weights[i];
-  }
+  warp_level<Dim, T>(level_, displacement, warped_, weights_);
   const T* weights = weights_.empty() ? nullptr : weights_.data();
   parts_.similarity =
       level_.similarity_weight * similarity_->evaluate(level_.fixed.data(), warped_.data(), weights, image_dual_.data(),
@@ -265,6 +272,8 @@ std::vector<double> MatchingObjective<Dim, T>::hamiltonians(const std::vector<T>
   return shooting_.hamiltonians(pointers(x));
 }
 
+template void warp_level(const MatchingLevel<2, float>&, const Field<float>&, std::vector<float>&, std::vector<float>&);
+template void warp_level(const MatchingLevel<3, float>&, const Field<float>&, std::vector<float>&, std::vector<float>&);
 template class MatchingObjective<2, float>;
 template class MatchingObjective<3, float>;
 template class MatchingObjective<2, double>;

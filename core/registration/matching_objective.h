@@ -33,6 +33,11 @@ struct MatchingLevel {
   Evolution evolution = Evolution::Exact;
 };
 
+/// The moving image and the weights (both masks; empty without masks) on the level's lattice, after `displacement`.
+template <int Dim, class T>
+void warp_level(const MatchingLevel<Dim, T>& level, const Field<T>& displacement, std::vector<T>& warped,
+                std::vector<T>& weights);
+
 /// E(m) = weight * E_S(I0 o psi_1, I1) + sum over scales and orders of 1/2 ||v_i(0)||^2 + divergence penalty, with its
 /// exact discrete gradient. x holds, scale by scale, the order-0 field and then the Dim order-1 fields (one field m_w
 /// where the scale has directions), as far as a scale has them.

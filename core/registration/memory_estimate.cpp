@@ -1,5 +1,6 @@
 #include "core/registration/register_images.h"
 #include "core/registration/scales.h"
+#include "core/similarity/similarity.h"
 
 #include <algorithm>
 #include <cmath>
@@ -14,13 +15,14 @@ std::size_t memory_estimate(const ImageGrid<Dim>& fixed, const ImageGrid<Dim>& m
   const double full = static_cast<double>(fixed.voxels()), full_moving = static_cast<double>(moving.voxels());
   const double nodes = options.flow.time_steps + 1;
   constexpr double vector = Dim * sizeof(float), scalar = sizeof(float);
+  const double similarity = scalar * similarity_scratch(options.similarity, Dim);
 
   // What register_images holds on its finest level: see the members of MatchingObjective and of what it owns.
   const double level = static_cast<double>(level_lattice(image, options.pyramid.finest_level).sites());
   const double scatter = Dim * scalar + 3 * scalar;               // a ScatterPlan: point, plane and order of each site
   double level_bytes = level * (2 * nodes * vector                // velocities and their duals
                                 + (nodes + 5) * vector + scatter  // backward map and its adjoint's work
-                                + 6 * scalar + 12 * scalar);      // images, weights, duals; sums of the similarity
+                                + 6 * scalar + similarity);       // images, weights, duals
   const RegistrationOptions::Momenta& m = options.momenta;
   double unknowns = 0;
   for (int q = m.finest_scale; q < m.finest_scale + m.scales; ++q) {
@@ -38,7 +40,7 @@ std::size_t memory_estimate(const ImageGrid<Dim>& fixed, const ImageGrid<Dim>& m
   level_bytes += unknowns * scalar * (3 * options.optimisation.history + 11);
 
   // At the end: fields, warped image, Jacobian, the following of both maps, and the similarity at full resolution.
-  const double end_bytes = full * ((nodes + 4) * vector + 22 * scalar) + full_moving * (vector + 8);
+  const double end_bytes = full * ((nodes + 4) * vector + 10 * scalar + similarity) + full_moving * (vector + 8);
   const double input_bytes = 3 * scalar * (full + full_moving);
   return static_cast<std::size_t>(input_bytes + std::max(level_bytes, end_bytes + level * 2 * nodes * vector)) +
          (64u << 20);

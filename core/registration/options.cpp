@@ -23,7 +23,9 @@ const Names<Model> kModels = {{Model::Gaussian, "gaussian"},
                               {Model::Wendland1, "wendland1"},
                               {Model::Directional, "directional"},
                               {Model::Sliding, "sliding"}};
-const Names<SimilarityType> kSimilarities = {{SimilarityType::Ssd, "ssd"}, {SimilarityType::Lncc, "lncc"}};
+const Names<SimilarityType> kSimilarities = {{SimilarityType::Ssd, "ssd"},   {SimilarityType::Ncc, "ncc"},
+                                             {SimilarityType::Lncc, "lncc"}, {SimilarityType::Mi, "mi"},
+                                             {SimilarityType::Ngf, "ngf"},   {SimilarityType::Mind, "mind"}};
 const Names<Preset> kPresets = {{Preset::Fast, "fast"}, {Preset::Balanced, "balanced"}, {Preset::Accurate, "accurate"}};
 
 const Names<Evolution> kEvolutions = {
@@ -34,6 +36,13 @@ std::string name_of(const Names<Value>& names, Value value) {
   for (const auto& [candidate, name] : names)
     if (candidate == value) return name;
   throw InvalidInput("unnamed enumerator " + std::to_string(static_cast<int>(value)));
+}
+
+template <class Value>
+std::vector<Value> values_of(const Names<Value>& names) {
+  std::vector<Value> values;
+  for (const auto& [value, name] : names) values.push_back(value);
+  return values;
 }
 
 template <class Value>
@@ -316,11 +325,28 @@ const std::vector<Parameter>& parameters() {
           "standard deviation of the Gaussian that both images are smoothed with on every level; -1: from the noise",
           [](O & o) -> auto& { return o.similarity_parameters.smoothing_voxels; }),
       real(
+          "ncc_floor", "intensity range", 0, Lower::Exclusive, 1, "standard deviation below which an image is flat",
+          [](O & o) -> auto& { return o.similarity_parameters.ncc_floor; }),
+      real(
           "lncc_radius_voxels", "voxels of the level", 0, Lower::Exclusive, 64, "half width of the window of lncc",
           [](O & o) -> auto& { return o.similarity_parameters.lncc_radius_voxels; }),
       real(
           "lncc_floor", "intensity range", 0, Lower::Exclusive, 1, "standard deviation below which a window is flat",
           [](O & o) -> auto& { return o.similarity_parameters.lncc_floor; }),
+      integer(
+          "mi_bins", "", 8, 256, "bins for each image in the joint histogram of mi",
+          [](O & o) -> auto& { return o.similarity_parameters.mi_bins; }),
+      real(
+          "ngf_edge", "intensity range per mm", 0, Lower::Inclusive, inf,
+          "gradient below which ngf sees no edge; 0: from the noise of each image",
+          [](O & o) -> auto& { return o.similarity_parameters.ngf_edge; }),
+      real(
+          "mind_radius_voxels", "voxels of the level", 0, Lower::Inclusive, 64, "half width of the patches of mind",
+          [](O & o) -> auto& { return o.similarity_parameters.mind_radius_voxels; }),
+      real(
+          "mind_step_voxels", "voxels of the level", 0, Lower::Exclusive, 64,
+          "distance of the neighbours whose patches mind compares",
+          [](O & o) -> auto& { return o.similarity_parameters.mind_step_voxels; }),
       integer(
           "max_iterations", "", 0, 10000, "iterations on each level",
           [](O & o) -> auto& { return o.optimisation.max_iterations; }),
@@ -339,6 +365,10 @@ const std::vector<Parameter>& parameters() {
 }
 
 }  // namespace
+
+std::vector<Model> all_models() { return values_of(kModels); }
+std::vector<SimilarityType> all_similarities() { return values_of(kSimilarities); }
+std::vector<Preset> all_presets() { return values_of(kPresets); }
 
 std::string to_string(Model model) { return name_of(kModels, model); }
 std::string to_string(SimilarityType similarity) { return name_of(kSimilarities, similarity); }
@@ -430,7 +460,8 @@ RegistrationOptions default_options(Model model, SimilarityType similarity, Pres
       }
       break;
   }
-  // The energy density is a squared intensity difference for ssd and about 1 for lncc.
+  // The energy density is a squared intensity difference for ssd and about 1 for lncc. With d of the fixed image's
+  // range for standard deviation, 1 - c of ncc is about ssd / (2 d^2): ten times ssd.
   switch (similarity) {
     case SimilarityType::Ssd:
       o.momenta.regularisation = 3e-6;
@@ -439,11 +470,35 @@ RegistrationOptions default_options(Model model, SimilarityType similarity, Pres
       o.momenta.sparsity = 4e-4;
       o.flow.divergence_weight = 3e-3;
       break;
+    case SimilarityType::Ncc:
+      o.momenta.regularisation = 2e-4;
+      o.momenta.first_order_regularisation = 6e-5;
+      o.momenta.sparsity = 4e-3;
+      o.flow.divergence_weight = 0.1;
+      break;
+    case SimilarityType::Mi:  // of a normal pair -log(1 - c^2) / 2, the steeper the better the images fit
+      o.momenta.regularisation = 5e-4;
+      o.momenta.first_order_regularisation = 1.5e-4;
+      o.momenta.sparsity = 1e-2;
+      o.flow.divergence_weight = 0.25;
+      break;
     case SimilarityType::Lncc:
       o.momenta.regularisation = 5e-4;
       o.momenta.first_order_regularisation = 1e-3;
       o.momenta.sparsity = 1e-2;
       o.flow.divergence_weight = 0.1;
+      break;
+    case SimilarityType::Ngf:  // as lncc, but every edge has two sides that pull
+      o.momenta.regularisation = 1e-3;
+      o.momenta.first_order_regularisation = 2e-3;
+      o.momenta.sparsity = 2e-2;
+      o.flow.divergence_weight = 0.2;
+      break;
+    case SimilarityType::Mind:  // a squared difference of a few hundredths
+      o.momenta.regularisation = 2e-4;
+      o.momenta.first_order_regularisation = 4e-4;
+      o.momenta.sparsity = 4e-3;
+      o.flow.divergence_weight = 0.08;
       break;
   }
   switch (preset) {

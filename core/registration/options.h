@@ -93,6 +93,11 @@ void set_parameter(RegistrationOptions& options, std::string_view name, std::str
 /// Every reason why `options` cannot be used; empty when all is well.
 std::vector<std::string> problems(const RegistrationOptions& options);
 
+/// Everything there is to choose from, in the order in which it is listed to users.
+std::vector<Model> all_models();
+std::vector<SimilarityType> all_similarities();
+std::vector<Preset> all_presets();
+
 std::string to_string(Model model);
 std::string to_string(SimilarityType similarity);
 std::string to_string(Preset preset);

@@ -1,3 +1,4 @@
+#include <algorithm>
 #include <cmath>
 
 #include "core/similarity/box_sum.h"
@@ -11,6 +12,8 @@ namespace {
 /// q = ((var_f + e)(var_w + e))^-1/2, c = cov q. The derivative at sample y collects the windows x that hold y:
 ///     dc(x)/dw(y) = weight(y) / S_w(x) * ( q (f(y) - mean f) - c / (var_w + e) (w(y) - mean w) ),
 /// whose sum over x is box sums of coefficients that depend on x alone.
+/// Nothing of this sees a constant that is taken off an image; both lose their mean first, because the sums are stored
+/// in T and a variance small against the mean would be lost in them.
 template <int Dim, class T>
 class LocalCorrelation final : public Similarity<Dim, T> {
  public:
@@ -22,11 +25,16 @@ class LocalCorrelation final : public Similarity<Dim, T> {
         sums_(kSums * lattice.sites()) {}
 
   double evaluate(const T* fixed, const T* warped, const T* weights, T* gradient, T* weight_gradient) override {
+    const T middle_f = weighted_mean(fixed, weights), middle_w = weighted_mean(warped, weights);
 #pragma omp parallel for schedule(static)
     for (std::size_t i = 0; i < sites_; ++i) {
       const T weight = weights ? weights[i] : T(1);
-      const T f = fixed[i], w = warped[i];
       T* s = sums_.data() + kSums * i;
+      if (weight == 0) {  // not a product with 0: what is hidden may be NaN
+        std::fill_n(s, kSums, T(0));
+        continue;
+      }
+      const T f = fixed[i] - middle_f, w = warped[i] - middle_w;
       s[0] = weight;
       s[1] = weight * f;
       s[2] = weight * w;
@@ -41,9 +49,9 @@ class LocalCorrelation final : public Similarity<Dim, T> {
       T* s = sums_.data() + kSums * i;
       const double weight = weights ? double(weights[i]) : 1.0, count = s[0];
       if (!(count > 1e-6) || (weight == 0 && !weight_gradient)) {
-        for (int k = 0; k < kSums; ++k) s[k] = 0;
-        if (weight_gradient) weight_gradient[i] = 0;
-        return 0.0;
+        std::fill_n(s, kSums, T(0));
+        if (weight_gradient) weight_gradient[i] = static_cast<T>(volume_);  // of a window that sees one sample, c is 0
+        return volume_ * weight;
       }
       const double mean_f = s[1] / count, mean_w = s[2] / count;
       const double var_f = std::max(0.0, s[3] / count - mean_f * mean_f) + floor2_;
@@ -73,8 +81,8 @@ class LocalCorrelation final : public Similarity<Dim, T> {
     for (std::size_t i = 0; i < sites_; ++i) {
       const T* s = sums_.data() + kSums * i;
       const T weight = weights ? weights[i] : T(1);
-      const T f = fixed[i], w = warped[i];
-      gradient[i] = -weight * (f * s[0] - w * s[1] - s[2]);
+      const T f = fixed[i] - middle_f, w = warped[i] - middle_w;
+      gradient[i] = weight == 0 ? T(0) : -weight * (f * s[0] - w * s[1] - s[2]);
       if (weight_gradient)
         weight_gradient[i] -= f * w * s[0] - T(0.5) * f * f * s[3] - T(0.5) * w * w * s[1] + f * s[4] - w * s[2] + s[5];
     }
@@ -90,6 +98,14 @@ class LocalCorrelation final : public Similarity<Dim, T> {
       radius[axis] =
           lattice.size[axis] > 1 ? std::max(1, static_cast<int>(std::lround(radius_mm / lattice.spacing[axis]))) : 0;
     return radius;
+  }
+
+  /// 0 when nothing is seen.
+  T weighted_mean(const T* image, const T* weights) const {
+    const auto weight = [&](std::size_t i) { return weights ? double(weights[i]) : 1.0; };
+    const double sum = ordered_sum(sites_, [&](std::size_t i) { return weight(i) > 0 ? weight(i) * image[i] : 0.0; });
+    const double count = weights ? ordered_sum(sites_, weight) : static_cast<double>(sites_);
+    return static_cast<T>(count > 0 ? sum / count : 0);
   }
 
   std::size_t sites_;

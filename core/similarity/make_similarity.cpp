@@ -9,9 +9,35 @@ std::unique_ptr<Similarity<Dim, T>> make_similarity(SimilarityType type, const L
   switch (type) {
     case SimilarityType::Ssd:
       return make_sum_of_squares<Dim, T>(lattice);
+    case SimilarityType::Ncc:
+      return make_global_correlation<Dim, T>(lattice, parameters.ncc_floor);
     case SimilarityType::Lncc:
       return make_local_correlation<Dim, T>(lattice, parameters.lncc_radius_voxels * level_spacing_mm,
                                             parameters.lncc_floor);
+    case SimilarityType::Mi:
+      return make_mutual_information<Dim, T>(lattice, parameters.mi_bins);
+    case SimilarityType::Ngf:
+      return make_gradient_fields<Dim, T>(lattice, parameters.ngf_edge);
+    case SimilarityType::Mind:
+      return make_self_similarity<Dim, T>(lattice, parameters.mind_radius_voxels * level_spacing_mm,
+                                          parameters.mind_step_voxels * level_spacing_mm);
+  }
+  throw InvalidInput("similarity " + std::to_string(static_cast<int>(type)) + " is not known");
+}
+
+int similarity_scratch(SimilarityType type, int dimension) {
+  const int pairs = 2 * dimension * (dimension - 1);
+  switch (type) {
+    case SimilarityType::Ssd:
+    case SimilarityType::Ncc:
+    case SimilarityType::Mi:
+      return 0;
+    case SimilarityType::Lncc:
+      return 12;  // six sums, and six while they are made
+    case SimilarityType::Ngf:
+      return 2 * dimension;  // what comes back to the differences of both images
+    case SimilarityType::Mind:
+      return 3 * (pairs / 2) + 3 * pairs;  // distances of both images, and while they are made; context, two duals
   }
   throw InvalidInput("similarity " + std::to_string(static_cast<int>(type)) + " is not known");
 }

@@ -2,7 +2,7 @@
 
 namespace saltus {
 
-enum class SimilarityType { Ssd, Lncc };
+enum class SimilarityType { Ssd, Ncc, Lncc, Mi, Ngf, Mind };
 
 /// Intensities are in units of the fixed image's range (see core/README.md).
 struct SimilarityOptions {
@@ -11,8 +11,13 @@ struct SimilarityOptions {
                                  ///< little as keeps the noise from favouring displacements by half a voxel
   double ssd_residual = 0.014;   ///< sd of what ssd leaves beside noise: its weight is 1 / (1 + (noise / this)^2)
   double weight = 1;              ///< multiplies the similarity
+  double ncc_floor = 0.001;       ///< standard deviation below which an image is flat
   double lncc_radius_voxels = 2;  ///< half width of the box window, in voxels of the level
   double lncc_floor = 0.01;       ///< standard deviation below which a window is flat
+  int mi_bins = 32;               ///< for each image, in the joint histogram
+  double ngf_edge = 0;            ///< intensity per mm below which a gradient counts little; 0: from the images
+  double mind_radius_voxels = 1;  ///< half width of the patches, in voxels of the level
+  double mind_step_voxels = 1;  ///< from a sample to the neighbours whose patches are compared, in voxels of the level
 };
 
 }  // namespace saltus

@@ -14,8 +14,12 @@ class SumOfSquares final : public Similarity<Dim, T> {
       const T difference = warped[i] - fixed[i];
       const T weight = weights ? weights[i] : T(1);
       const T volume = static_cast<T>(volume_);
-      gradient[i] = 2 * volume * weight * difference;
       if (weight_gradient) weight_gradient[i] = volume * difference * difference;
+      if (weight == 0) {  // not a product with 0: what is hidden may be NaN
+        gradient[i] = 0;
+        return 0.0;
+      }
+      gradient[i] = 2 * volume * weight * difference;
       return volume_ * weight * difference * difference;
     });
   }

@@ -11,11 +11,9 @@ grpc::ServerUnaryReactor* ServerInfoServiceImpl::GetServerInfo(grpc::CallbackSer
                                                                const v1::GetServerInfoRequest*, v1::ServerInfo* info) {
   return answer_now(context, [&] {
     info->set_version(version_);
-    for (const Model model : {Model::Gaussian, Model::Wendland, Model::Wendland1, Model::Directional, Model::Sliding})
-      info->add_models(to_string(model));
-    for (const SimilarityType similarity : {SimilarityType::Ssd, SimilarityType::Lncc})
-      info->add_similarities(to_string(similarity));
-    for (const Preset preset : {Preset::Fast, Preset::Balanced, Preset::Accurate}) info->add_presets(to_string(preset));
+    for (const Model model : all_models()) info->add_models(to_string(model));
+    for (const SimilarityType similarity : all_similarities()) info->add_similarities(to_string(similarity));
+    for (const Preset preset : all_presets()) info->add_presets(to_string(preset));
     for (const std::string& format : image_formats()) info->add_formats(format);
     info->set_max_blob_bytes(limits::kBlobBytes);
     info->set_max_message_bytes(limits::kMessageBytes);

@@ -117,8 +117,8 @@ TEST_P(Gradient, HasTaylorSlopeTwoInThreeDimensions) { expect_taylor_slope_two<3
 
 std::vector<Case> all_cases() {
   std::vector<Case> cases;
-  for (Model model : {Model::Gaussian, Model::Wendland, Model::Wendland1, Model::Directional, Model::Sliding})
-    for (SimilarityType similarity : {SimilarityType::Ssd, SimilarityType::Lncc})
+  for (Model model : all_models())
+    for (SimilarityType similarity : all_similarities())
       for (bool masks : {false, true}) cases.push_back({model, similarity, masks});
   for (Model model : {Model::Gaussian, Model::Wendland1, Model::Directional})
     for (Evolution evolution : {Evolution::PerOrder, Evolution::Carried})

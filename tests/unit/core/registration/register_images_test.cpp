@@ -137,8 +137,8 @@ TEST(RegisterImages, StopsWhenTheCallbackSaysSoAndReturnsWhatItHas) {
 }
 
 TEST(RegisterImages, NeverLetsTheEnergyRiseWithinARound) {
-  for (Model model : {Model::Gaussian, Model::Wendland, Model::Wendland1, Model::Sliding})
-    for (SimilarityType similarity : {SimilarityType::Ssd, SimilarityType::Lncc}) {
+  for (Model model : all_models())
+    for (SimilarityType similarity : all_similarities()) {
       SCOPED_TRACE(to_string(model) + " " + to_string(similarity));
       RegistrationOptions options = quick(model, similarity, 12);
       options.momenta.sparsity = 1e-4;
@@ -158,7 +158,7 @@ TEST(RegisterImages, NeverLetsTheEnergyRiseWithinARound) {
             EXPECT_LE(record.energy, last);
           }
           round = record.round;
-          EXPECT_NEAR(record.energy, record.similarity + record.regularisation + record.sparsity, 1e-9 * record.energy);
+          EXPECT_NEAR(record.energy, record.similarity + record.regularisation + record.sparsity, 1e-9 * std::abs(record.energy));
           last = record.energy;
           ++iterations;
         }
@@ -166,7 +166,7 @@ TEST(RegisterImages, NeverLetsTheEnergyRiseWithinARound) {
         EXPECT_LT(level.energy_after, level.energy_before);
       }
       EXPECT_EQ(iterations, static_cast<int>(summary.history.size()));
-      EXPECT_LT(summary.similarity_after, 0.85 * summary.similarity_before);
+      EXPECT_LT(summary.similarity_after, summary.similarity_before - 0.15 * std::abs(summary.similarity_before));
     }
 }
 
@@ -185,7 +185,7 @@ void expect_no_motion(const ImageGrid<Dim>& grid, float fixed, float moving, Sim
 }
 
 TEST(RegisterImages, MovesNothingBetweenConstantImages) {
-  for (SimilarityType similarity : {SimilarityType::Ssd, SimilarityType::Lncc}) {
+  for (SimilarityType similarity : all_similarities()) {
     expect_no_motion<2>(plane(), 7, 7, similarity);
     expect_no_motion<2>(plane(), 0, -1000, similarity);
     expect_no_motion<3>(block(), 1e-6f, 3e4f, similarity);
@@ -278,7 +278,7 @@ TEST(RegisterImages, IgnoresWhatTheMasksHide) {
   const std::size_t hidden = input.fixed.samples.size() / 4;
   std::fill_n(input.fixed_mask->samples.begin(), hidden, 0.0f);
   std::fill_n(input.moving_mask->samples.rbegin(), hidden, 0.0f);
-  for (SimilarityType similarity : {SimilarityType::Ssd, SimilarityType::Lncc}) {
+  for (SimilarityType similarity : all_similarities()) {
     RegistrationOptions options = quick(Model::Sliding, similarity);
     options.pyramid.levels = 3;
     RegistrationInput<2> changed = input;
