@@ -70,8 +70,10 @@ class MatchingObjective final : public Objective<T> {
   /// Called many times in each evaluation with the share of it that is done; may throw to end it.
   void on_work(std::function<void(double)> callback);
 
- private:
+  /// Momenta of each scale, with first orders along a direction spread to all axes. Valid until x or this changes.
   std::vector<MomentumPointers<T>> pointers(const std::vector<T>& x) const;
+
+ private:
   std::vector<MomentumTargets<T>> targets(std::vector<T>& x) const;
   void drop_normal_components(std::vector<T>& x) const;
   void contract(std::vector<T>& gradient) const;

@@ -7,6 +7,7 @@
 #include "core/registration/image_pyramid.h"
 #include "core/registration/input_checks.h"
 #include "core/registration/matching_objective.h"
+#include "core/registration/move_points.h"
 #include "core/registration/scales.h"
 #include "core/registration/sparsity_rounds.h"
 #include "core/support/errors.h"
@@ -90,6 +91,7 @@ RegistrationResult<Dim> register_images(const RegistrationInput<Dim>& input, con
   if (!wrong.empty()) throw InvalidInput(wrong.front());
   const RegistrationOptions options = resolved(asked, lattice_of(input.fixed.grid));
   const Field<double> directions = frame_directions(input, options);
+  check_points(input.fixed_points);
 #ifdef _OPENMP
   const ThreadCount threads(options.threads);
 #endif
@@ -286,6 +288,7 @@ RegistrationResult<Dim> register_images(const RegistrationInput<Dim>& input, con
   } else {
     summary.hamiltonian_drift = -1;
   }
+  result.moved_points = move_points(input, level_images.lattice, velocities, active, objective->pointers(momenta));
   summary.seconds = seconds_before + whole.seconds();
   summary.cpu_seconds = cpu_seconds_before + whole.cpu_seconds();
   return result;

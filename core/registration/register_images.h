@@ -19,6 +19,7 @@ struct RegistrationInput {
   AffineMap<Dim> start;                    ///< fixed world -> moving world, before the deformation
   /// Model directional: unit vectors (or 0: nothing slides) on the fixed grid, world (LPS), normal to what may slide.
   std::optional<VectorVolume<Dim>> direction;
+  std::vector<Vector<Dim>> fixed_points;  ///< world mm; carried along, no part of the energy
 };
 
 /// Registers `moving` to `fixed`. Throws InvalidInput before any work when input or options cannot be used,

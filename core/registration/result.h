@@ -1,5 +1,6 @@
 #pragma once
 
+#include "core/flow/discontinuous/transported_point.h"
 #include "core/grid/volume.h"
 #include "core/registration/options.h"
 
@@ -82,7 +83,8 @@ struct RegistrationResult {
   Volume<Dim> warped;                      ///< moving image on the fixed grid
   Volume<Dim> jacobian;                    ///< det D(x + u(x)) on the fixed grid
   std::vector<MomentumField<Dim>> momenta;
-  RegistrationOptions options;  ///< as used: everything automatic filled in
+  std::vector<TransportedPoint<Dim>> moved_points;  ///< the input's fixed_points in the moving image, by particles
+  RegistrationOptions options;                      ///< as used: everything automatic filled in
   RegistrationSummary summary;
 };
 

@@ -101,6 +101,7 @@ class Run {
   }
 
   void optimise() {
+    inputs_.images.fixed_points = inputs_.landmarks.fixed;
     result_ = register_images(inputs_.images, options_,
                               [this](const Progress& progress) { return observer_(TaskStage::Optimising, progress); });
   }

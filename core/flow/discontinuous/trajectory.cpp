@@ -173,7 +173,16 @@ class Follower {
     }
     length = grown;
     if (!leaves && hits.size() == 1) cut = sharpened(hits.front().second, cut, h);
-    if (cut > 0) accept(step_of(cut), cut, std::numeric_limits<double>::infinity());
+    if (cut > 0) {
+      Step until_event = step_of(cut);
+      if (leaves && !until_event.end().allFinite()) {
+        // Where both sides turn at once the share of v+ is 0/0: stop just before.
+        cut *= 1 - 1e-9;
+        until_event = step_of(cut);
+      }
+      if (!until_event.end().allFinite()) return end_as(TrajectoryEnd::NotFinite);
+      accept(until_event, cut, std::numeric_limits<double>::infinity());
+    }
     if (static_cast<int>(found_.events.size()) >= options_.max_events) return end_as(TrajectoryEnd::TooManyEvents);
     if (leaves) return hits.empty() ? leave() : end_as(TrajectoryEnd::Corner);
     if (hits.size() > 1) return corner(hits);
@@ -422,6 +431,17 @@ std::string to_string(TrajectoryEnd end) {
   return "unknown";
 }
 
+void check(const TrajectoryOptions& options) {
+  const auto positive = [](const char* name, double value) {
+    if (!(value > 0)) throw InvalidInput(std::string(name) + " is " + std::to_string(value) + "; it must be positive");
+  };
+  positive("position_tolerance", options.position_tolerance);
+  positive("fundamental_tolerance", options.fundamental_tolerance);
+  positive("event_tolerance", options.event_tolerance);
+  positive("max_step", options.max_step);
+  positive("max_events", options.max_events);
+}
+
 template <int Dim>
 int Trajectory<Dim>::count(EventKind kind) const {
   return static_cast<int>(
@@ -453,14 +473,7 @@ Trajectory<Dim> follow(const PiecewiseVelocity<Dim>& velocity, const Vector<Dim>
   if (!(until > time))
     throw InvalidInput("until is " + std::to_string(until) + " and not after time " + std::to_string(time) +
                        "; use ReversedVelocity to go back");
-  const auto positive = [](const char* name, double value) {
-    if (!(value > 0)) throw InvalidInput(std::string(name) + " is " + std::to_string(value) + "; it must be positive");
-  };
-  positive("position_tolerance", options.position_tolerance);
-  positive("fundamental_tolerance", options.fundamental_tolerance);
-  positive("event_tolerance", options.event_tolerance);
-  positive("max_step", options.max_step);
-  positive("max_events", options.max_events);
+  check(options);
   return Follower<Dim>(velocity, start, time, until, options).run();
 }
 

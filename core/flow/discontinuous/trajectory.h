@@ -2,23 +2,11 @@
 
 #include "core/flow/discontinuous/dormand_prince.h"
 #include "core/flow/discontinuous/saltation.h"
+#include "core/flow/discontinuous/transported_point.h"
 
-#include <string>
 #include <vector>
 
 namespace saltus {
-
-/// How a trajectory ended. All but Complete leave it where it was.
-enum class TrajectoryEnd {
-  Complete,       ///< reached the end of time
-  Escaping,       ///< on a surface that both sides leave (n.v- < c < n.v+): no unique continuation
-  Grazing,        ///< met a surface too nearly along it, see TrajectoryOptions::grazing
-  Corner,         ///< met several surfaces at once and their order matters
-  TooManyEvents,  ///< crosses without end (chattering), see TrajectoryOptions::max_events
-  StepTooSmall,   ///< the tolerances cannot be met: the velocity is not smooth where it should be
-  NotFinite       ///< velocity or position is not a finite number
-};
-std::string to_string(TrajectoryEnd end);
 
 /// Grazing: stop there (the derivative of the flow does not exist), or keep to the own side with S = I, which is right
 /// for a surface that moves with both sides and that a point touches by rounding only.
@@ -36,6 +24,9 @@ struct TrajectoryOptions {
   GrazingRule when_grazing = GrazingRule::Stop;
   bool keep_steps = false;  ///< needed by endpoint_derivative.h
 };
+
+/// Throws InvalidInput when a tolerance, max_step or max_events is not positive.
+void check(const TrajectoryOptions& options);
 
 enum class EventKind { Crossing, Sliding, Leaving, Grazing };
 
@@ -76,7 +67,7 @@ struct Trajectory {
 /// Follows a point from `time` to `until` > time through a piecewise smooth velocity in the sense of Filippov: smooth
 /// pieces by Dormand-Prince steps of adaptive length, every crossing located to event_tolerance, in time order. For
 /// motion backwards use ReversedVelocity. A point that starts on a surface goes where the flow takes it.
-/// Throws InvalidInput when until <= time or a tolerance is not positive.
+/// Throws InvalidInput when until <= time or as check(options).
 template <int Dim>
 Trajectory<Dim> follow(const PiecewiseVelocity<Dim>& velocity, const Vector<Dim>& start, double time, double until,
                        const TrajectoryOptions& options = {});

@@ -39,7 +39,14 @@ std::optional<LandmarkMeasures> measure_landmarks(const ReportInput<Dim>& input)
   if (fixed.empty()) return std::nullopt;
   const AffineMap<Dim>& start = input.input->start;
   LandmarkMeasures found{
-      landmark_distances(fixed, moving), {}, landmark_errors(input.result->displacement, fixed, moving)};
+      landmark_distances(fixed, moving), {}, landmark_errors(input.result->displacement, fixed, moving), {}, 0};
+  const auto& carried = input.result->moved_points;
+  for (std::size_t i = 0; i < carried.size() && carried.size() == moving.size(); ++i) {
+    if (carried[i].ending == TrajectoryEnd::Complete)
+      found.particles.push_back((carried[i].position - moving[i]).norm());
+    else
+      ++found.particles_stopped;
+  }
   if (start == AffineMap<Dim>{}) return found;
   std::vector<Vector<Dim>> started;
   for (const Vector<Dim>& point : fixed) started.push_back(start(point));

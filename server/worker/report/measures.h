@@ -17,6 +17,8 @@ struct LandmarkMeasures {
   std::vector<double> before;                ///< landmark_distances
   std::optional<std::vector<double>> start;  ///< after the affine start alone, when there is one
   std::vector<double> after;                 ///< landmark_errors of the displacement
+  std::vector<double> particles;             ///< the same of the points that the flow itself carried to its end
+  int particles_stopped = 0;                 ///< points that ended elsewhere, see TrajectoryEnd
 };
 
 template <int Dim>

@@ -118,6 +118,9 @@ std::string report_json(const ReportInput<Dim>& input) {
     json["landmark_error_mm"]["before"] = describe(summarise(landmarks->before));
     if (landmarks->start) json["landmark_error_mm"]["affine_start"] = describe(summarise(*landmarks->start));
     json["landmark_error_mm"]["after"] = describe(summarise(landmarks->after));
+    if (!landmarks->particles.empty())
+      json["landmark_error_mm"]["after_particles"] = describe(summarise(landmarks->particles));
+    json["landmark_particles_stopped"] = landmarks->particles_stopped;
   }
   const DisplacementMeasures displacement = measure_displacement(result.displacement);
   json["displacement_mm"] = {{"mean", displacement.mean_mm}, {"max", displacement.max_mm}};

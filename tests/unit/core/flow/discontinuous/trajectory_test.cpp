@@ -114,6 +114,9 @@ TEST(Trajectory, LocatesEventsWithTheOrderOfTheSteps) {
     const auto found = follow<2>(velocity, Vector<2>(-1.4, 0.1), 0, 1, fixed);
     ASSERT_EQ(found.count(EventKind::Crossing), 1);
     errors[i] = std::abs(found.events[0].time - reference.events[0].time);
+    const SurfaceJet<2>& hit = found.events[0].jet;
+    EXPECT_LE(std::abs(hit.value) / hit.gradient.norm(), fixed.event_tolerance)
+        << "long steps, and still on the surface";
   }
   EXPECT_LT(errors[0], 1e-5);
   EXPECT_GT(std::log2(errors[0] / errors[1]), 3.8);
@@ -209,6 +212,20 @@ TEST(Trajectory, NamesAnEscapingSurface) {
   // Backwards in time the same surface attracts.
   const auto back = follow<2>(ReversedVelocity<2>(velocity), Vector<2>(0, 0.3), -1, 0);
   EXPECT_EQ(back.count(EventKind::Sliding), 1);
+}
+
+// Both sides turn at t = 1, and a point that slides has two ways to go.
+TEST(Trajectory, NamesASurfaceThatTurnsIntoAnEscapingOne) {
+  const AnalyticVelocity<2> velocity({moving_plane<2>(Vector<2>(0, 1), 0, 0)},
+                                     [](double t, const Vector<2>&, const Sides& sides) {
+                                       const Vector<2> v(1, sides[0] > 0 ? t - 1 : 1 - t);
+                                       return VelocityJet<2>{v, Matrix<2>::Zero()};
+                                     });
+  const auto found = follow<2>(velocity, Vector<2>(0, -0.1), 0, 2);
+  EXPECT_EQ(found.count(EventKind::Sliding), 1);
+  EXPECT_EQ(found.ending, TrajectoryEnd::Escaping);
+  EXPECT_NEAR(found.time, 1, 1e-6);
+  EXPECT_LT((found.position - Vector<2>(1, 0)).norm(), 1e-6);
 }
 
 TEST(Trajectory, NamesGrazingInsteadOfALargeNumber) {

@@ -88,6 +88,19 @@ TEST(ReportJson, TellsWhatTheAffineStartAloneReaches) {
   EXPECT_NEAR(errors["affine_start"]["mean"].get<double>(), 1, 1e-6);
 }
 
+TEST(ReportJson, MeasuresLandmarksThatTheFlowCarriedApartFromThoseThatStopped) {
+  ReportScene<2> scene(3);
+  for (int i = 0; i < 3; ++i) scene.add_landmark({2, 5}, 0);
+  for (double error : {1.0, 3.0, 50.0})
+    scene.result.moved_points.push_back({scene.report.moving_points[0] + Vector<2>(0, error), Matrix<2>::Identity()});
+  scene.result.moved_points[2].ending = TrajectoryEnd::Escaping;
+  const json report = json::parse(report_json(scene.report));
+  EXPECT_EQ(report["landmark_error_mm"]["after_particles"]["n"], 2);
+  EXPECT_NEAR(report["landmark_error_mm"]["after_particles"]["mean"].get<double>(), 2, 1e-6);
+  EXPECT_EQ(report["landmark_particles_stopped"], 1);
+  EXPECT_NEAR(report["landmark_error_mm"]["after"]["mean"].get<double>(), 0, 1e-6);
+}
+
 TEST(ReportJson, LeavesOutWhatIsNotKnown) {
   ReportScene<2> scene(3);
   scene.report.peak_memory_bytes = 0;
