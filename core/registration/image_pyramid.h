@@ -25,6 +25,9 @@ class ImagePyramid {
   /// What the similarity is multiplied with.
   double similarity_weight() const { return similarity_weight_; }
 
+  /// What the divergence penalty is multiplied with.
+  double divergence_weight() const { return divergence_weight_; }
+
   /// Images of one level, smoothed.
   MatchingLevel<Dim, float> level(int level) const;
   /// Images at full resolution, not smoothed.
@@ -40,7 +43,7 @@ class ImagePyramid {
   Lattice<Dim> fixed_lattice_, moving_lattice_;
   AffineMap<Dim> to_moving_;
   std::vector<float> fixed_, moving_;
-  double noise_ = 0, similarity_weight_ = 1;
+  double noise_ = 0, similarity_weight_ = 1, divergence_weight_ = 0;
 };
 
 }  // namespace saltus

@@ -468,7 +468,7 @@ RegistrationOptions default_options(Model model, SimilarityType similarity, Pres
       o.momenta.first_order_regularisation = 1e-6;
       o.momenta.reweighted_rounds = 1;
       o.momenta.sparsity = 4e-4;
-      o.flow.divergence_weight = 3e-3;
+      o.flow.divergence_weight = 1e-2;
       break;
     case SimilarityType::Ncc:
       o.momenta.regularisation = 2e-4;

@@ -85,9 +85,12 @@ SurfaceJet<Dim> SwitchingSheet<Dim>::jet(int node, double share, double node_spa
 
 namespace {
 
-bool jumps(const KernelProfile& kernel) {
+bool jumps(const KernelSum& kernel) {
   const double near = 1e-4;
-  return 1 - kernel.value(near * kernel.width()) > 0.1 * near;  // a smooth k0 falls quadratically
+  return std::any_of(kernel.components().begin(), kernel.components().end(), [&](const KernelComponent& component) {
+    const KernelProfile& k0 = *component.profile;
+    return 1 - k0.value(near * k0.width()) > 0.1 * near;  // a smooth k0 falls quadratically
+  });
 }
 
 template <int Dim>
@@ -107,24 +110,28 @@ void gather_sheets(const MomentumScale<Dim, T>& scale, const T* momentum, int ax
     stride[a] = sites;
     sites *= static_cast<std::size_t>(lattice.size[a]);
   }
-  Field<T> smoothed(momentum, momentum + scale.field_size()), next(smoothed.size());
-  for (int a = 0; a < Dim; ++a) {
-    if (a == axis) continue;
-    const KernelTaps taps = cell_averaged_taps(*scale.options().kernel, lattice.spacing[a]);
-    convolve_axis<Dim, T>(lattice, Dim, a, std::vector<T>(taps.value.begin(), taps.value.end()), Combine::Replace,
-                          smoothed.data(), next.data());
-    std::swap(smoothed, next);
+  // The jump across a face: momenta smoothed along the other axes, times what a unit sheet jumps by.
+  Field<T> jump(scale.field_size(), T(0)), smoothed(jump.size()), next(jump.size());
+  for (const KernelComponent& component : scale.options().kernel.components()) {
+    const KernelProfile& kernel = *component.profile;
+    std::copy_n(momentum, smoothed.size(), smoothed.begin());
+    for (int a = 0; a < Dim; ++a) {
+      if (a == axis) continue;
+      const KernelTaps taps = cell_averaged_taps(kernel, lattice.spacing[a]);
+      convolve_axis<Dim, T>(lattice, Dim, a, std::vector<T>(taps.value.begin(), taps.value.end()), Combine::Replace,
+                            smoothed.data(), next.data());
+      std::swap(smoothed, next);
+    }
+    const double factor = component.weight * scale.options().first_weight * scale.options().kernel.width() /
+                          kernel.mass() * 2 * std::abs(kernel.value(lattice.spacing[axis]) - kernel.value(0));
+    for (std::size_t i = 0; i < jump.size(); ++i) jump[i] += static_cast<T>(factor) * smoothed[i];
   }
-  const KernelProfile& kernel = *scale.options().kernel;
-  const double h = lattice.spacing[axis];
-  const double factor =
-      scale.options().first_weight * kernel.width() / kernel.mass() * 2 * std::abs(kernel.value(h) - kernel.value(0));
   std::vector<char> open(sites, 0);
   for (int slab = 0; slab < lattice.size[Dim - 1]; ++slab)
     visit_slab<Dim>(lattice, slab, [&](const Index<Dim>& index, std::size_t site) {
       double square = 0;
-      for (int c = 0; c < Dim; ++c) square += double(smoothed[Dim * site + c]) * smoothed[Dim * site + c];
-      open[site] = index[axis] + 1 < lattice.size[axis] && factor * std::sqrt(square) >= least;
+      for (int c = 0; c < Dim; ++c) square += double(jump[Dim * site + c]) * jump[Dim * site + c];
+      open[site] = index[axis] + 1 < lattice.size[axis] && std::sqrt(square) >= least;
     });
   std::vector<int> owner(sites / static_cast<std::size_t>(lattice.size[axis]), -1);  // last sheet over a column
   const auto column_of = [&](std::size_t site) {
@@ -232,7 +239,7 @@ std::vector<SwitchingSheet<Dim>> find_switching_sheets(const MomentumScale<Dim, 
                                                        const Lattice<Dim>& velocity_lattice,
                                                        const std::vector<Field<T>>& velocities,
                                                        const SwitchingSheetOptions& options) {
-  if (!first || !(scale.lattice() == velocity_lattice) || !jumps(*scale.options().kernel)) return {};
+  if (!first || !(scale.lattice() == velocity_lattice) || !jumps(scale.options().kernel)) return {};
   const Lattice<Dim>& lattice = velocity_lattice;
   std::vector<Faces<Dim>> faces;
   for (int axis = 0; axis < Dim; ++axis)

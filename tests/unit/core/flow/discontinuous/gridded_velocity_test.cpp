@@ -101,7 +101,7 @@ struct SlipAndRise {
         zeroth(scale.field_size()),
         first(2 * scale.field_size()),
         shooting({&scale}, scale.lattice(), 4, Evolution::Carried) {
-    const KernelProfile& k0 = *scale.options().kernel;
+    const KernelProfile& k0 = *scale.options().kernel.components().front().profile;
     taps_factor = k0.width() / k0.mass();
     for (std::size_t site = 0; site < scale.lattice().sites(); ++site) zeroth[2 * site + 1] = rise;
     for (int x = 0; x < 48; ++x) {
@@ -134,7 +134,7 @@ TEST(SwitchingSheet, IsFoundWhereTheMomentumJumpsAndMovesWithTheFlow) {
     EXPECT_NEAR(jet.rate, -rise, 0.05);
     const Vector<2> jump = velocity.velocity(0, on, {1}).value - velocity.velocity(0, on, {-1}).value;
     // Samples of the slip lie on a straight line on either side, k0 being a parabola there.
-    const KernelProfile& k0 = *scene.scale.options().kernel;
+    const KernelProfile& k0 = *scene.scale.options().kernel.components().front().profile;
     const double s1 = (k0.value(1) - k0.value(0)), s2 = (k0.value(2) - k0.value(1));
     EXPECT_NEAR(jump[0], 3 * (1.5 * s1 - 0.5 * s2) / s1, 1e-3);
     EXPECT_NEAR(jump[1], 0, 1e-6);

@@ -28,7 +28,7 @@ struct Scene {
         zeroth(scale.field_size()),
         first(2 * scale.field_size()),
         shooting({&scale}, scale.lattice(), 4, Evolution::Carried) {
-    const KernelProfile& k0 = *scale.options().kernel;
+    const KernelProfile& k0 = *scale.options().kernel.components().front().profile;
     unit = slip / (2 * (k0.value(1) - k0.value(0)));
     for (std::size_t site = 0; site < scale.lattice().sites(); ++site) zeroth[2 * site + 1] = rise;
     for (int x = 0; x < 48; ++x) first[scale.field_size() + 2 * (23 * 48 + x)] = unit * k0.mass() / k0.width();
@@ -45,7 +45,7 @@ struct Scene {
   /// Velocity along x of a flow without rise: k0(y - face below) - k0(y - face above), on its own side in a straight
   /// line up to the face (k0 is a parabola there).
   double slip_velocity(double y) const {
-    const KernelProfile& k0 = *scale.options().kernel;
+    const KernelProfile& k0 = *scale.options().kernel.components().front().profile;
     const double side = y > 23.5 ? 1 : -1, from = std::abs(y - 23.5);
     const auto sample = [&](int i) { return k0.value(i + 1) - k0.value(i); };
     return side * unit * (sample(0) + (from - 0.5) * (sample(1) - sample(0)));
