@@ -239,6 +239,22 @@ void add_intensities(Run& run) {
   }
 }
 
+/// Bright for dark in the fixed image, which a similarity for images of different kinds must not mind: it is to find at
+/// least half of the motion.
+void add_contrasts(Run& run) {
+  for (SimilarityType similarity : {SimilarityType::Mi, SimilarityType::Ngf, SimilarityType::Mind}) {
+    const std::string name = "contrast inversion, " + to_string(similarity);
+    run.add(name, [&, similarity] {
+      Pair<2> pair = pair_of<2>(slip(run, 6));
+      for (float& sample : pair.input.fixed.samples) sample = 255 - sample;
+      Row row = measure<2>(name, pair, sliding(similarity));
+      const double *before = row.find("before_mm"), *error = row.find("error_mm");
+      if (!before || !error || !(*error < 0.5 * *before)) row.complaints.push_back("the motion is not found");
+      return row;
+    });
+  }
+}
+
 void add_machine(Run& run) {
   for (SimilarityType similarity : {SimilarityType::Ssd, SimilarityType::Lncc}) {
     const std::string name = "float against double, " + to_string(similarity);
@@ -289,6 +305,7 @@ std::vector<Row> hard_case_rows(bool is_quick, const std::string& only, std::ost
   add_shapes(run);
   add_contents(run);
   add_intensities(run);
+  add_contrasts(run);
   add_machine(run);
   return std::move(run).rows();
 }
@@ -307,6 +324,7 @@ const std::vector<Column>& hard_case_columns() {
                                               {"threads_differ", "threads differ", 0},
                                               {"float_mean_voxels", "float - double, voxels", 4},
                                               {"float_max_voxels", "max", 4},
+                                              {"float_gradient_relative", "float gradient, relative", 6},
                                               {"iterations", "iterations", 0},
                                               {"cpu_seconds", "CPU s", 1}};
   return columns;
