@@ -30,7 +30,7 @@ struct SmoothedNoise {
 }  // namespace
 
 template <int Dim, class T>
-double noise_sd(const Lattice<Dim>& lattice, const std::vector<T>& samples, const std::vector<T>& weights) {
+double noise_sd(const Lattice<Dim>& lattice, const T* samples, const T* weights) {
   struct Tap {
     std::ptrdiff_t at;
     double value;
@@ -58,7 +58,7 @@ double noise_sd(const Lattice<Dim>& lattice, const std::vector<T>& samples, cons
       bool varies = false;
       for (const Tap& tap : taps) {
         const std::size_t at = site + tap.at;
-        if (!weights.empty() && !(weights[at] > 0)) return;
+        if (weights && !(weights[at] > 0)) return;
         varies = varies || samples[at] != samples[site];
         response += tap.value * samples[at];
       }
@@ -85,9 +85,9 @@ double smoothing_against_noise(double noise, int dimension, double tolerance) {
   return high;
 }
 
-template double noise_sd(const Lattice<2>&, const std::vector<float>&, const std::vector<float>&);
-template double noise_sd(const Lattice<3>&, const std::vector<float>&, const std::vector<float>&);
-template double noise_sd(const Lattice<2>&, const std::vector<double>&, const std::vector<double>&);
-template double noise_sd(const Lattice<3>&, const std::vector<double>&, const std::vector<double>&);
+template double noise_sd(const Lattice<2>&, const float*, const float*);
+template double noise_sd(const Lattice<3>&, const float*, const float*);
+template double noise_sd(const Lattice<2>&, const double*, const double*);
+template double noise_sd(const Lattice<3>&, const double*, const double*);
 
 }  // namespace saltus

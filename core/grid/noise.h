@@ -6,9 +6,10 @@ namespace saltus {
 
 /// Standard deviation of the white noise in an image, from the median size of the product of its second differences
 /// along all axes of at least three samples (smooth structure cancels; edges are few). Samples whose neighbourhood is
-/// constant, or holds a weight of 0, tell nothing and are left out; 0 when none is left. `weights` may be empty.
+/// constant, or holds a weight of 0, tell nothing and are left out; 0 when none is left. Null weights mean 1
+/// everywhere. After Immerkaer (1996), with the median of Donoho (1995).
 template <int Dim, class T>
-double noise_sd(const Lattice<Dim>& lattice, const std::vector<T>& samples, const std::vector<T>& weights);
+double noise_sd(const Lattice<Dim>& lattice, const T* samples, const T* weights);
 
 /// Linear interpolation half way between samples averages noise away, so that a sum of squares prefers displacements
 /// by half a sample. The standard deviation, in samples, of the least Gaussian that makes noise of standard deviation

@@ -56,6 +56,13 @@ std::vector<float> visible(const std::vector<float>& samples, const std::optiona
   return shown;
 }
 
+template <int Dim>
+double noise_variance(const Lattice<Dim>& lattice, const std::vector<float>& samples,
+                      const std::vector<float>& weights) {
+  const double sd = noise_sd<Dim>(lattice, samples.data(), weights.empty() ? nullptr : weights.data());
+  return sd * sd;
+}
+
 /// What a mask hides takes the mean of what it shows, so that no hidden value reaches an interpolation or a window.
 void hide(const std::vector<float>& weights, std::vector<float>& samples) {
   double sum = 0, count = 0;
@@ -102,8 +109,8 @@ ImagePyramid<Dim>::ImagePyramid(const RegistrationInput<Dim>& input, const Regis
   const SimilarityOptions& similarity = options.similarity_parameters;
   noise_ = similarity.noise;
   if (noise_ < 0)
-    noise_ = std::sqrt((std::pow(noise_sd(fixed_lattice_, fixed_, fixed_weights), 2) +
-                        std::pow(noise_sd(moving_lattice_, moving_, moving_weights), 2)) /
+    noise_ = std::sqrt((noise_variance(fixed_lattice_, fixed_, fixed_weights) +
+                        noise_variance(moving_lattice_, moving_, moving_weights)) /
                        2);
   similarity_weight_ = similarity.weight;
   divergence_weight_ = options.flow.divergence_weight;

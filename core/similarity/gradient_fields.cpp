@@ -2,7 +2,7 @@
 #include <cmath>
 #include <stdexcept>
 
-#include "core/similarity/image_statistics.h"
+#include "core/grid/noise.h"
 #include "core/similarity/similarity.h"
 #include "core/support/reduction.h"
 
@@ -149,7 +149,7 @@ class GradientFields final : public Similarity<Dim, T> {
     double per_mm2 = 0;  // mean square of the difference quotients of unit noise
     for (int axis = 0; axis < Dim; ++axis)
       if (lattice_.size[axis] > 1) per_mm2 += 2 * half_[axis] * half_[axis];
-    const double noise = kNoise * noise_deviation<Dim>(lattice_, image, weights) * std::sqrt(per_mm2);
+    const double noise = kNoise * noise_sd<Dim>(lattice_, image, weights) * std::sqrt(per_mm2);
     const auto shown = [&](std::size_t site) { return weights ? double(weights[site]) : 1.0; };
     const double seen = ordered_rows([&](const Index<Dim>&, std::size_t site) { return shown(site); });
     if (!(seen > 0)) return 0;

@@ -2,8 +2,8 @@
 #include <cmath>
 #include <stdexcept>
 
+#include "core/grid/noise.h"
 #include "core/similarity/box_sum.h"
-#include "core/similarity/image_statistics.h"
 #include "core/similarity/similarity.h"
 #include "core/support/reduction.h"
 
@@ -308,7 +308,7 @@ class SelfSimilarity final : public Similarity<Dim, T> {
         sum += weight * gather(warped_distances_, index, site, d);
         seen += weight;
       });
-    const double noise = noise_deviation<Dim>(lattice_, image, weights);
+    const double noise = noise_sd<Dim>(lattice_, image, weights);
     return seen > 0 ? 2 * noise * noise + kFloor * sum / seen : 0;
   }
 

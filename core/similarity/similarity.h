@@ -60,7 +60,7 @@ std::unique_ptr<Similarity<Dim, T>> make_mutual_information(const Lattice<Dim>& 
 /// length. In [0, 1] per mm^Dim; where either image is flat 1, with no gradient. Central differences in mm; a neighbour
 /// beyond the border or hidden by its weight counts as having the sample's own value.
 /// `edge` > 0 (intensity per mm) holds for both images. 0: prepare finds one for each image, so that their scales do
-/// not matter: twice the gradients of the noise (see noise_deviation), and a tenth of the mean gradient, in squares.
+/// not matter: twice the gradients of the noise (see noise_sd), and a tenth of the mean gradient, in squares.
 template <int Dim, class T>
 std::unique_ptr<Similarity<Dim, T>> make_gradient_fields(const Lattice<Dim>& lattice, double edge);
 
@@ -70,7 +70,7 @@ std::unique_ptr<Similarity<Dim, T>> make_gradient_fields(const Lattice<Dim>& lat
 /// squared difference of the box patches of half width `radius_mm` around both neighbours. In [0, 1] per mm^Dim. It
 /// sees neither brightness, contrast nor its sign; where an image is flat all S_k are 1, which a structure there
 /// differs from. What of a patch is hidden by its weight or beyond the border counts as no difference. prepare finds
-/// the floor for each image: twice the variance of its noise (see noise_deviation) and a thousandth of its mean D. The
+/// the floor for each image: twice the variance of its noise (see noise_sd) and a thousandth of its mean D. The
 /// descriptors are not shifted to a largest one of 1, which would make them kink. Cost does not depend on radius or
 /// step. An axis with fewer samples than the step is left out.
 template <int Dim, class T>

@@ -3,6 +3,7 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
 #include <random>
 
@@ -33,23 +34,28 @@ std::vector<T> scene(const Lattice<Dim>& lattice, double noise, bool has_flat_ha
   return samples;
 }
 
+template <int Dim, class T>
+double sd_of(const Lattice<Dim>& lattice, const std::vector<T>& samples) {
+  return noise_sd<Dim, T>(lattice, samples.data(), nullptr);
+}
+
 TEST(NoiseSd, MeasuresWhiteNoiseOnStructure) {
   const Lattice<2> plane = lattice_of_size<2>({90, 80});
   const Lattice<3> block = lattice_of_size<3>({40, 36, 12}), slices = lattice_of_size<3>({60, 50, 2});
   for (double noise : {0.5, 4.0}) {
-    EXPECT_NEAR(noise_sd<2>(plane, scene<2, float>(plane, noise, false), {}), noise, 0.05 * noise);
-    EXPECT_NEAR(noise_sd<2>(plane, scene<2, double>(plane, noise, true), {}), noise, 0.07 * noise);
-    EXPECT_NEAR(noise_sd<3>(block, scene<3, float>(block, noise, true), {}), noise, 0.07 * noise);
-    EXPECT_NEAR(noise_sd<3>(slices, scene<3, float>(slices, noise, false), {}), noise, 0.07 * noise);
+    EXPECT_NEAR(sd_of<2>(plane, scene<2, float>(plane, noise, false)), noise, 0.05 * noise);
+    EXPECT_NEAR(sd_of<2>(plane, scene<2, double>(plane, noise, true)), noise, 0.07 * noise);
+    EXPECT_NEAR(sd_of<3>(block, scene<3, float>(block, noise, true)), noise, 0.07 * noise);
+    EXPECT_NEAR(sd_of<3>(slices, scene<3, float>(slices, noise, false)), noise, 0.07 * noise);
   }
 }
 
 TEST(NoiseSd, FindsNoneInWhatHasNone) {
   const Lattice<2> plane = lattice_of_size<2>({60, 50});
-  EXPECT_LT(noise_sd<2>(plane, scene<2, double>(plane, 0, false), {}), 0.01);  // of a range of 140
-  EXPECT_EQ(noise_sd<2>(plane, std::vector<float>(plane.sites(), 7.0f), {}), 0);
+  EXPECT_LT(sd_of<2>(plane, scene<2, double>(plane, 0, false)), 0.01);  // of a range of 140
+  EXPECT_EQ(sd_of<2>(plane, std::vector<float>(plane.sites(), 7.0f)), 0);
   const Lattice<2> tiny = lattice_of_size<2>({2, 2});
-  EXPECT_EQ(noise_sd<2>(tiny, std::vector<float>{1, 5, 2, 9}, {}), 0);
+  EXPECT_EQ(sd_of<2>(tiny, std::vector<float>{1, 5, 2, 9}), 0);
 }
 
 TEST(NoiseSd, DoesNotLookBehindMasks) {
@@ -60,7 +66,11 @@ TEST(NoiseSd, DoesNotLookBehindMasks) {
     weights[i] = 0;
     samples[i] = loud[i];
   }
-  EXPECT_NEAR(noise_sd<2>(plane, samples, weights), 0.5, 0.05);
+  EXPECT_NEAR(noise_sd<2>(plane, samples.data(), weights.data()), 0.5, 0.05);
+  for (std::size_t i = 0; i < weights.size() * 3 / 4; ++i) samples[i] = std::nanf("");
+  EXPECT_NEAR(noise_sd<2>(plane, samples.data(), weights.data()), 0.5, 0.05);
+  std::fill(weights.begin(), weights.end(), 0.0f);
+  EXPECT_EQ(noise_sd<2>(plane, samples.data(), weights.data()), 0);
 }
 
 TEST(SmoothingAgainstNoise, LosesNoMoreThanItMayAndSmoothsNoMoreThanItMust) {

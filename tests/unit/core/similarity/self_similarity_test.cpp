@@ -3,7 +3,7 @@
 #include <cmath>
 #include <stdexcept>
 
-#include "core/similarity/image_statistics.h"
+#include "core/grid/noise.h"
 #include "core/similarity/similarity.h"
 #include "tests/support/random_fields.h"
 
@@ -89,7 +89,7 @@ class BruteForce {
           mean += weights_[site(at)] * average(d);
           whole += weights_[site(at)];
         }
-    const double noise = noise_deviation<3>(lattice_, image.data(), weights_.data());
+    const double noise = noise_sd<3>(lattice_, image.data(), weights_.data());
     const double floor = 2 * noise * noise + 1e-3 * mean / whole;
     for (std::vector<double>& d : all) {
       const double scale = average(d) + floor;
