@@ -466,7 +466,7 @@ RegistrationOptions default_options(Model model, SimilarityType similarity, Pres
     case SimilarityType::Ssd:
       o.momenta.regularisation = 3e-6;
       o.momenta.first_order_regularisation = 1e-6;
-      o.momenta.reweighted_rounds = 1;
+      o.momenta.reweighted_rounds = 2;
       o.momenta.sparsity = 4e-4;
       o.flow.divergence_weight = 1e-2;
       break;

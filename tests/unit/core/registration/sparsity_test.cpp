@@ -54,5 +54,21 @@ TEST(FirstOrderMass, LiesAtTheInterfaceOfThePapersRectangle) {
   }
 }
 
+// Where tissue enters or leaves the field of view nothing corresponds, and order 1 does there what it can: a border of
+// 12 voxels, more than the largest motion, is left out.
+TEST(FirstOrderMass, VanishesWhereNothingSlides) {
+  const auto inner_mass = [](PhantomKind kind) {
+    const PhantomOptions scene = default_phantom_options(kind);
+    const auto inside = [&](const Vector<2>& p) {
+      return p.minCoeff() > 12 && p[0] < scene.size[0] - 13 && p[1] < scene.size[1] - 13;
+    };
+    return first_order_mass(
+        registered(make_phantom<2>(scene), default_options(Model::Sliding, SimilarityType::Ssd, Preset::Balanced)),
+        inside);
+  };
+  const double sliding = inner_mass(PhantomKind::Slip), smooth = inner_mass(PhantomKind::Smooth);
+  EXPECT_LT(smooth, 0.02 * sliding);
+}
+
 }  // namespace
 }  // namespace saltus
