@@ -50,8 +50,10 @@ Outcome run(const Pair<Dim>& pair, const RegistrationOptions& options) {
 
   Outcome outcome;
   std::vector<T> x(objective.size()), gradient(objective.size()), preconditioned(objective.size());
+  // Displacements of tenths of a voxel: linear interpolation has a kink at every sample, and nearer than single
+  // precision resolves to one, float and double would take different sides of it.
   for (std::size_t i = 0; i < x.size(); ++i)
-    x[i] = static_cast<T>(2e-7 * normal_random(7, {static_cast<std::int64_t>(i)}));
+    x[i] = static_cast<T>(0.1 * options.momenta.regularisation * normal_random(7, {static_cast<std::int64_t>(i)}));
   outcome.value = objective.evaluate(x, gradient, preconditioned).value;
   outcome.gradient.assign(gradient.begin(), gradient.end());
 
