@@ -75,6 +75,23 @@ TEST(GeodesicShooting, ConservesEnergyWithFirstOrderMomenta) {
   EXPECT_GT(drift_at(96, 1, Evolution::PerOrder), 8 * fine);
 }
 
+// As above: second order in the time step, with first-order momenta.
+TEST(GeodesicShooting, ConservesEnergyWithFirstOrderMomentaToSecondOrderInTheTimeStep) {
+  MomentumScale<2, double> scale({make_gaussian_profile(14), square(96), Orders::ZerothAndFirst, 1.0, 0.7});
+  const std::vector<double> m0 = passing_blobs(scale.lattice(), 30);
+  std::vector<double> m1 = passing_blobs(scale.lattice(), 30), more = passing_blobs(scale.lattice(), -36);
+  for (std::size_t i = 0; i + 1 < more.size(); i += 2) std::swap(more[i], more[i + 1]);
+  m1.insert(m1.end(), more.begin(), more.end());
+  const auto final_energy = [&](int steps) {
+    return energies(scale, {m0.data(), m1.data()}, steps, Evolution::Exact).back();
+  };
+  const double limit = final_energy(48), start = energies(scale, {m0.data(), m1.data()}, 1, Evolution::Exact).front();
+  EXPECT_LT(std::abs(limit - start), 0.03 * start);
+  const double at4 = std::abs(final_energy(4) - limit), at8 = std::abs(final_energy(8) - limit);
+  EXPECT_GT(at4, 0.004 * start) << "too gentle to show an order";
+  EXPECT_NEAR(std::log2(at4 / at8), 2, 0.4) << at4 / start << " then " << at8 / start;
+}
+
 /// Particles with momenta under v(x) = c sum_j exp(-|x - q_j|^2 / sigma^2) p_j.
 struct Particles {
   std::vector<Vector<2>> q, p;
