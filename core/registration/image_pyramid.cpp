@@ -112,22 +112,35 @@ ImagePyramid<Dim>::ImagePyramid(const RegistrationInput<Dim>& input, const Regis
     noise_ = std::sqrt((noise_variance(fixed_lattice_, fixed_, fixed_weights) +
                         noise_variance(moving_lattice_, moving_, moving_weights)) /
                        2);
-  similarity_weight_ = similarity.weight;
-  divergence_weight_ = options.flow.divergence_weight;
-  if (options.similarity == SimilarityType::Ssd) {
-    // The divergence penalty gives way half as fast as the similarity does: measured, on scenes that slide and on one
-    // that does not (core/README.md).
-    const double share = 1 / (1 + std::pow(noise_ / similarity.ssd_residual, 2));
-    similarity_weight_ *= share;
-    divergence_weight_ *= std::sqrt(share);
-  }
+}
+
+template <int Dim>
+double ImagePyramid<Dim>::level_noise(int level) const {
+  return noise_ * std::exp2(-0.5 * level * Dim);
+}
+
+template <int Dim>
+double ImagePyramid<Dim>::share_beside_noise(int level) const {
+  if (options_.similarity != SimilarityType::Ssd) return 1;
+  return 1 / (1 + std::pow(level_noise(level) / options_.similarity_parameters.ssd_residual, 2));
+}
+
+template <int Dim>
+double ImagePyramid<Dim>::similarity_weight(int level) const {
+  return options_.similarity_parameters.weight * share_beside_noise(level);
+}
+
+template <int Dim>
+double ImagePyramid<Dim>::divergence_weight(int level) const {
+  // The divergence penalty gives way half as fast as the similarity does: measured, on scenes that slide and on one
+  // that does not (core/README.md).
+  return options_.flow.divergence_weight * std::sqrt(share_beside_noise(level));
 }
 
 template <int Dim>
 double ImagePyramid<Dim>::smoothing_voxels(int level) const {
   const double asked = options_.similarity_parameters.smoothing_voxels;
-  // A sample of a coarser level averages about 2^level samples along each axis.
-  return asked >= 0 ? asked : smoothing_against_noise(noise_ * std::exp2(-0.5 * level * Dim), Dim, kLostNoise);
+  return asked >= 0 ? asked : smoothing_against_noise(level_noise(level), Dim, kLostNoise);
 }
 
 template <int Dim>
@@ -154,8 +167,8 @@ MatchingLevel<Dim, float> ImagePyramid<Dim>::make_level(int level, double smooth
   made.moving = framed(moving_, moving_weights, smoothing, moving);
   if (input_.fixed_mask) made.fixed_weights = downsampled(fixed_lattice_, fixed_weights, made.lattice);
   if (input_.moving_mask) made.moving_weights = framed(moving_weights, {}, 0, moving);
-  made.similarity_weight = similarity_weight_;
-  made.divergence_weight = divergence_weight_;
+  made.similarity_weight = similarity_weight(level);
+  made.divergence_weight = divergence_weight(level);
   made.time_steps = options_.flow.time_steps;
   made.evolution = options_.flow.evolution;
   return made;

@@ -22,11 +22,11 @@ class ImagePyramid {
   /// Gaussian that the images of a level are smoothed with, sd in voxels of the level (at least half a voxel along axes
   /// that the level coarsens).
   double smoothing_voxels(int level) const;
-  /// What the similarity is multiplied with.
-  double similarity_weight() const { return similarity_weight_; }
-
-  /// What the divergence penalty is multiplied with.
-  double divergence_weight() const { return divergence_weight_; }
+  /// What the similarity of a level is multiplied with. ssd counts the less the more noise a level has; coarse levels
+  /// have little, and large motion is found there.
+  double similarity_weight(int level = 0) const;
+  /// What the divergence penalty of a level is multiplied with.
+  double divergence_weight(int level = 0) const;
 
   /// Images of one level, smoothed.
   MatchingLevel<Dim, float> level(int level) const;
@@ -34,6 +34,9 @@ class ImagePyramid {
   MatchingLevel<Dim, float> full_resolution() const;
 
  private:
+  /// Noise of a level's images: a sample of a coarser level averages about 2^level samples along each axis.
+  double level_noise(int level) const;
+  double share_beside_noise(int level) const;
   MatchingLevel<Dim, float> make_level(int level, double smoothing) const;
   FramedImage<Dim, float> framed(const std::vector<float>& samples, const std::vector<float>& weights, double smoothing,
                                  const Lattice<Dim>& lattice) const;
@@ -43,7 +46,7 @@ class ImagePyramid {
   Lattice<Dim> fixed_lattice_, moving_lattice_;
   AffineMap<Dim> to_moving_;
   std::vector<float> fixed_, moving_;
-  double noise_ = 0, similarity_weight_ = 1, divergence_weight_ = 0;
+  double noise_ = 0;
 };
 
 }  // namespace saltus
