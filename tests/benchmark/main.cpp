@@ -1,3 +1,7 @@
+#ifdef _OPENMP
+#include <omp.h>
+#endif
+
 #include <CLI/CLI.hpp>
 #include <algorithm>
 #include <fstream>
@@ -29,6 +33,9 @@ int finish(const std::vector<Column>& columns, const std::vector<Row>& rows, con
 }  // namespace
 
 int main(int argument_count, char** arguments) {
+#ifdef _OPENMP
+  omp_set_num_threads(1);  // what is not a registration; those have their own number
+#endif
   CLI::App app("Measures registrations of scenes whose truth is known, in this process and in one thread");
   app.require_subcommand(1);
   std::string json_file, only;
