@@ -136,9 +136,13 @@ template <class T>
 MinimiseSummary minimise(Objective<T>& objective, const MinimiseOptions& options, MinimiserState<T>& state,
                          const std::function<bool(const MinimiseStep&)>& accepted) {
   const std::vector<GroupSparsity>& ranges = objective.sparsity();
-  const std::size_t count = objective.size();
-  std::vector<T> next_gradient(count), next_preconditioned(count), direction(count), candidate(count);
-  std::vector<T> pseudo, pseudo_preconditioned;
+  std::vector<T> next_gradient, next_preconditioned, direction, candidate, pseudo, pseudo_preconditioned;
+  // Exactly as large as the objective wants: what it dropped must not stay allocated.
+  const auto fit = [&] {
+    next_gradient = std::vector<T>(objective.size());
+    next_preconditioned = std::vector<T>(objective.size());
+    for (std::vector<T>* values : {&direction, &candidate, &pseudo, &pseudo_preconditioned}) *values = {};
+  };
   const std::deque<CurvaturePair<T>> no_pairs;
 
   const auto total = [&](const std::vector<T>& at, std::vector<T>& g, std::vector<T>& p, double& sparse) {
@@ -161,14 +165,16 @@ MinimiseSummary minimise(Objective<T>& objective, const MinimiseOptions& options
   };
 
   if (!state.has_begun()) {
-    state.gradient.resize(count);
-    state.preconditioned.resize(count);
+    state.gradient.resize(objective.size());
+    state.preconditioned.resize(objective.size());
     double sparse_at_start = 0;
     const Evaluation start = total(state.x, state.gradient, state.preconditioned, sparse_at_start);
     if (!start.is_valid)
       throw NumericalFailure("the energy at the start is not finite; check the images for NaN and Inf");
     state.energies = {start.value};
+    objective.revise(state);
   }
+  fit();
 
   bool is_told = true;  // whether `accepted` knows of the last step
   double sparse = 0, step = 0;
@@ -209,7 +215,7 @@ MinimiseSummary minimise(Objective<T>& objective, const MinimiseOptions& options
         add_scaled(step, direction, candidate);
         project(ranges, state.x, pseudo, candidate);
         const Evaluation evaluation = total(candidate, next_gradient, next_preconditioned, next_sparse);
-        const double expected = ordered_sum(count, [&](std::size_t i) {
+        const double expected = ordered_sum(candidate.size(), [&](std::size_t i) {
           return static_cast<double>(pseudo[i]) * (static_cast<double>(candidate[i]) - state.x[i]);
         });
         if (evaluation.is_valid && evaluation.value < energy && evaluation.value <= energy + 1e-4 * expected) {
@@ -244,6 +250,7 @@ MinimiseSummary minimise(Objective<T>& objective, const MinimiseOptions& options
     std::swap(state.preconditioned, next_preconditioned);
     state.energies.push_back(next_energy);
     sparse = next_sparse;
+    if (objective.revise(state)) fit();
     is_told = false;
   }
 }

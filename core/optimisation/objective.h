@@ -22,6 +22,9 @@ struct GroupSparsity {
   double weight_of(std::size_t index) const { return factors.empty() ? weight : weight * factors[index]; }
 };
 
+template <class T>
+struct MinimiserState;
+
 /// What `minimise` minimises: a smooth function plus group sparsity.
 template <class T>
 class Objective {
@@ -39,6 +42,12 @@ class Objective {
     static const std::vector<GroupSparsity> none;
     return none;
   }
+
+  /// For objectives whose unknowns are a working set. Called at the start and after each accepted step, when the last
+  /// evaluation was at state.x: may add unknowns at 0, and may drop groups that are 0 in x and in every s of the pairs,
+  /// from all vectors of the state alike. What is added has its own gradient, and 0 in the pairs. size() and sparsity()
+  /// follow, and energies stay what they are. Returns whether anything has changed.
+  virtual bool revise(MinimiserState<T>& /*state*/) { return false; }
 };
 
 }  // namespace saltus

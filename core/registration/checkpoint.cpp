@@ -12,7 +12,7 @@ namespace {
 
 constexpr char kMagic[8] = {'S', 'A', 'L', 'T', 'U', 'S', 'C', 'P'};
 /// To be raised with every change of what is stored or of what is computed from it.
-constexpr std::uint32_t kVersion = 1;
+constexpr std::uint32_t kVersion = 2;
 
 struct Header {
   char magic[8];
@@ -111,6 +111,7 @@ void transfer_level(Stream& stream, Level& level) {
   stream(level.energy_before);
   stream(level.energy_after);
   stream(level.termination);
+  stream(level.active_block_share);
   stream(level.seconds);
   stream(level.cpu_seconds);
 }
@@ -122,6 +123,7 @@ void transfer(Stream& stream, State& at) {
   transfer_level(stream, at.level);
   stream(at.optimality_reference);
   stream.list(at.sparsity_factors, [](auto& s, auto& factors) { s(factors); });
+  stream.list(at.active_blocks, [](auto& s, auto& blocks) { s(blocks); });
   stream(at.minimiser.x);
   stream(at.minimiser.gradient);
   stream(at.minimiser.preconditioned);

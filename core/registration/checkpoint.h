@@ -32,8 +32,9 @@ struct Checkpointing {
 struct Checkpoint {
   int step = 0;        ///< which of the levels that are run, 0 is the coarsest
   LevelSummary level;  ///< of that level: the rounds before this one, which is number level.rounds; its time until now
-  double optimality_reference = 0;                   ///< of that level
-  std::vector<std::vector<float>> sparsity_factors;  ///< of this round
+  double optimality_reference = 0;                        ///< of that level
+  std::vector<std::vector<float>> sparsity_factors;       ///< of this round
+  std::vector<std::vector<std::uint32_t>> active_blocks;  ///< that the minimiser's unknowns are of
   MinimiserState<float> minimiser;
   std::vector<LevelSummary> levels;      ///< that have ended
   std::vector<IterationRecord> history;  ///< until now

@@ -1,7 +1,5 @@
 #include "core/registration/finish.h"
 
-#include "core/momenta/directional_momentum.h"
-
 #include "core/flow/backward_map.h"
 #include "core/grid/interpolation.h"
 
@@ -128,10 +126,12 @@ Field<float> write_fields(const RegistrationInput<Dim>& input, const Lattice<Dim
 }
 
 template <int Dim>
-void collect_momenta(const std::vector<MomentumScale<Dim, float>*>& scales, const std::vector<float>& momenta,
-                     const ImageGrid<Dim>& fixed, RegistrationResult<Dim>& result) {
-  std::size_t at = 0, sites_active = 0, sites_all = 0;
-  for (const MomentumScale<Dim, float>* scale : scales) {
+void collect_momenta(const std::vector<MomentumScale<Dim, float>*>& scales,
+                     const std::vector<MomentumPointers<float>>& momenta, const ImageGrid<Dim>& fixed,
+                     RegistrationResult<Dim>& result) {
+  std::size_t sites_active = 0, sites_all = 0;
+  for (std::size_t s = 0; s < scales.size(); ++s) {
+    const MomentumScale<Dim, float>* scale = scales[s];
     const Lattice<Dim>& lattice = scale->lattice();
     MomentumField<Dim> field;
     field.kernel = scale->options().kernel.name();
@@ -158,21 +158,9 @@ void collect_momenta(const std::vector<MomentumScale<Dim, float>*>& scales, cons
       }
       result.momenta.push_back(field);
     };
-    if (has_zeroth(scale->options().orders)) {
-      take(-1, momenta.data() + at);
-      at += scale->field_size();
-    }
-    if (!scale->has_first_order()) continue;
-    std::vector<float> expanded;
-    const float* first = momenta.data() + at;
-    const bool is_directional = !scale->options().direction.empty();
-    if (is_directional) {
-      expanded.resize(Dim * scale->field_size());
-      DirectionalMomentum<Dim, float>(scale->options().direction).expand(first, expanded.data());
-      first = expanded.data();
-    }
-    at += (is_directional ? 1 : Dim) * scale->field_size();
-    for (int axis = 0; axis < Dim; ++axis) take(axis, first + static_cast<std::size_t>(axis) * scale->field_size());
+    if (momenta[s].zeroth) take(-1, momenta[s].zeroth);
+    for (int axis = 0; axis < Dim && momenta[s].first; ++axis)
+      take(axis, momenta[s].first + static_cast<std::size_t>(axis) * scale->field_size());
   }
   if (sites_all > 0) result.summary.active_first_order_share = static_cast<double>(sites_active) / sites_all;
 }
@@ -198,13 +186,14 @@ void summarise_similarity(const MatchingLevel<Dim, float>& full, const Registrat
   result.summary.similarity_after = evaluate(backward);
 }
 
-#define SALTUS_FINISH(DIM)                                                                                 \
-  template AffineMap<DIM> frame_to_index(const RegistrationInput<DIM>&);                                   \
-  template Field<float> write_fields(const RegistrationInput<DIM>&, const Lattice<DIM>&,                   \
-                                     const std::vector<Field<float>>&, RegistrationResult<DIM>&);          \
-  template void collect_momenta(const std::vector<MomentumScale<DIM, float>*>&, const std::vector<float>&, \
-                                const ImageGrid<DIM>&, RegistrationResult<DIM>&);                          \
-  template void summarise_similarity(const MatchingLevel<DIM, float>&, const RegistrationOptions&,         \
+#define SALTUS_FINISH(DIM)                                                                          \
+  template AffineMap<DIM> frame_to_index(const RegistrationInput<DIM>&);                            \
+  template Field<float> write_fields(const RegistrationInput<DIM>&, const Lattice<DIM>&,            \
+                                     const std::vector<Field<float>>&, RegistrationResult<DIM>&);   \
+  template void collect_momenta(const std::vector<MomentumScale<DIM, float>*>&,                     \
+                                const std::vector<MomentumPointers<float>>&, const ImageGrid<DIM>&, \
+                                RegistrationResult<DIM>&);                                          \
+  template void summarise_similarity(const MatchingLevel<DIM, float>&, const RegistrationOptions&,  \
                                      const Field<float>&, RegistrationResult<DIM>&);
 SALTUS_FINISH(2)
 SALTUS_FINISH(3)

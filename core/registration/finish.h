@@ -19,10 +19,11 @@ template <int Dim>
 Field<float> write_fields(const RegistrationInput<Dim>& input, const Lattice<Dim>& lattice,
                           const std::vector<Field<float>>& velocities, RegistrationResult<Dim>& result);
 
-/// Fills the initial momenta and the share of active first-order sites.
+/// Fills the initial momenta and the share of active first-order sites; `momenta` are those of the scales.
 template <int Dim>
-void collect_momenta(const std::vector<MomentumScale<Dim, float>*>& scales, const std::vector<float>& momenta,
-                     const ImageGrid<Dim>& fixed, RegistrationResult<Dim>& result);
+void collect_momenta(const std::vector<MomentumScale<Dim, float>*>& scales,
+                     const std::vector<MomentumPointers<float>>& momenta, const ImageGrid<Dim>& fixed,
+                     RegistrationResult<Dim>& result);
 
 /// Fills similarity before (affine start only) and after, at full resolution; `backward` is what write_fields returned.
 template <int Dim>

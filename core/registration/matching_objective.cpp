@@ -2,6 +2,7 @@
 
 #include "core/flow/divergence_penalty.h"
 #include "core/momenta/reweighting.h"
+#include "core/optimisation/lbfgs.h"
 #include "core/support/errors.h"
 
 #include <algorithm>
@@ -33,29 +34,28 @@ MatchingObjective<Dim, T>::MatchingObjective(std::vector<MomentumScale<Dim, T>*>
       shooting_(scales, level.lattice, level.time_steps, level.evolution),
       map_(level.lattice, level.lattice, level.time_steps) {
   for (const MomentumScale<Dim, T>* scale : scales_) {
-    if (has_zeroth(scale->options().orders)) size_ += scale->field_size();
-    if (!scale->has_first_order()) {
-      along_.emplace_back();
-      continue;
-    }
+    FirstOrder& first = first_.emplace_back();
+    first.range = sparsity_.size();
+    if (!scale->has_first_order()) continue;
     const double weight = sparsity * scale->options().first_weight * scale->lattice().cell_volume();
-    if (!scale->options().direction.empty()) {
+    if (scale->options().direction.empty()) {
+      first.fields = Dim;
+      for (int axis = 0; axis < Dim; ++axis)
+        sparsity_.push_back({0, 0, Dim, weight, 1 / scale->first_order_stiffness(axis), {}});
+    } else {
+      first.fields = 1;
+      first.along = std::make_unique<DirectionalMomentum<Dim, T>>(scale->options().direction);
+      first.spread.resize(Dim * scale->field_size());
+      first.spread_gradient.resize(Dim * scale->field_size());
       // The stiffness of m_w is sum_i w_i^2 times those of the axes; one number must do, and their mean is near.
       double stiffness = 0;
       for (int axis = 0; axis < Dim; ++axis) stiffness += scale->first_order_stiffness(axis) / Dim;
-      sparsity_.push_back({size_, size_ + scale->field_size(), Dim, weight, 1 / stiffness, {}});
-      size_ += scale->field_size();
-      along_.push_back({std::make_unique<DirectionalMomentum<Dim, T>>(scale->options().direction),
-                        std::vector<T>(Dim * scale->field_size()), std::vector<T>(Dim * scale->field_size())});
-      continue;
+      sparsity_.push_back({0, 0, Dim, weight, 1 / stiffness, {}});
     }
-    for (int axis = 0; axis < Dim; ++axis) {
-      sparsity_.push_back(
-          {size_, size_ + scale->field_size(), Dim, weight, 1 / scale->first_order_stiffness(axis), {}});
-      size_ += scale->field_size();
-    }
-    along_.emplace_back();
+    for (int field = 0; field < first.fields; ++field) blocks_.push_back(BlockSet<Dim>::all(scale->lattice()));
   }
+  factors_.resize(sparsity_.size());
+  lay_out();
   const std::size_t sites = level.lattice.sites();
   image_dual_.resize(sites);
   displacement_dual_.resize(Dim * sites);
@@ -77,112 +77,270 @@ void MatchingObjective<Dim, T>::on_work(std::function<void(double)> callback) {
   shooting_.on_work([this, expected] { on_work_(std::min(1.0, ++polls_ / expected)); });
 }
 
+/// Where everything lies in x with the blocks as they are.
+template <int Dim, class T>
+void MatchingObjective<Dim, T>::lay_out() {
+  size_ = 0;
+  zeroth_at_.clear();
+  for (std::size_t s = 0; s < scales_.size(); ++s) {
+    zeroth_at_.push_back(size_);
+    if (has_zeroth(scales_[s]->options().orders)) size_ += scales_[s]->field_size();
+    for (std::size_t r = first_[s].range; r < first_[s].range + first_[s].fields; ++r) {
+      sparsity_[r].begin = size_;
+      sparsity_[r].end = size_ += Dim * blocks_[r].sites();
+    }
+  }
+}
+
+template <int Dim, class T>
+void MatchingObjective<Dim, T>::gather_factors() {
+  for (std::size_t r = 0; r < sparsity_.size(); ++r) {
+    sparsity_[r].factors = std::vector<float>(factors_[r].empty() ? 0 : blocks_[r].sites());
+    if (!factors_[r].empty()) blocks_[r].gather(1, factors_[r].data(), sparsity_[r].factors.data());
+  }
+}
+
+template <int Dim, class T>
+bool MatchingObjective<Dim, T>::has_all_blocks(const FirstOrder& first) const {
+  for (std::size_t r = first.range; r < first.range + first.fields; ++r)
+    if (!blocks_[r].is_complete()) return false;
+  return true;
+}
+
+/// The order-1 fields of a scale at all sites, as they are in x: with all blocks active they lie there so.
+template <int Dim, class T>
+const T* MatchingObjective<Dim, T>::all_sites(std::size_t scale, const std::vector<T>& x) const {
+  FirstOrder& first = first_[scale];
+  if (has_all_blocks(first)) return x.data() + sparsity_[first.range].begin;
+  const std::size_t count = scales_[scale]->field_size();
+  first.momentum.resize(first.fields * count);
+  for (int field = 0; field < first.fields; ++field)
+    blocks_[first.range + field].scatter(Dim, x.data() + sparsity_[first.range + field].begin,
+                                         first.momentum.data() + field * count);
+  return first.momentum.data();
+}
+
+/// Where their gradient is at all sites, as the last evaluation left it.
+template <int Dim, class T>
+T* MatchingObjective<Dim, T>::gradient_at_all_sites(std::size_t scale, std::vector<T>& gradient) {
+  FirstOrder& first = first_[scale];
+  if (has_all_blocks(first)) return gradient.data() + sparsity_[first.range].begin;
+  first.gradient.resize(first.fields * scales_[scale]->field_size());
+  return first.gradient.data();
+}
+
 template <int Dim, class T>
 std::vector<MomentumPointers<T>> MatchingObjective<Dim, T>::pointers(const std::vector<T>& x) const {
-  std::vector<MomentumPointers<T>> all;
-  std::size_t at = 0;
+  std::vector<MomentumPointers<T>> all(scales_.size());
   for (std::size_t s = 0; s < scales_.size(); ++s) {
-    const MomentumScale<Dim, T>* scale = scales_[s];
-    MomentumPointers<T> momenta;
-    if (has_zeroth(scale->options().orders)) {
-      momenta.zeroth = x.data() + at;
-      at += scale->field_size();
-    }
-    if (along_[s].momentum) {
-      along_[s].momentum->expand(x.data() + at, along_[s].first.data());
-      momenta.first = along_[s].first.data();
-      at += scale->field_size();
-    } else if (scale->has_first_order()) {
-      momenta.first = x.data() + at;
-      at += Dim * scale->field_size();
-    }
-    all.push_back(momenta);
+    if (has_zeroth(scales_[s]->options().orders)) all[s].zeroth = x.data() + zeroth_at_[s];
+    FirstOrder& first = first_[s];
+    if (first.fields == 0) continue;
+    all[s].first = all_sites(s, x);
+    if (!first.along) continue;
+    first.along->expand(all[s].first, first.spread.data());
+    all[s].first = first.spread.data();
   }
   return all;
 }
 
 template <int Dim, class T>
-std::vector<MomentumTargets<T>> MatchingObjective<Dim, T>::targets(std::vector<T>& x) const {
-  std::vector<MomentumTargets<T>> all;
-  std::size_t at = 0;
+std::vector<MomentumTargets<T>> MatchingObjective<Dim, T>::targets(std::vector<T>& gradient, bool with_first) {
+  std::vector<MomentumTargets<T>> all(scales_.size());
   for (std::size_t s = 0; s < scales_.size(); ++s) {
-    const MomentumScale<Dim, T>* scale = scales_[s];
-    MomentumTargets<T> momenta;
-    if (has_zeroth(scale->options().orders)) {
-      momenta.zeroth = x.data() + at;
-      at += scale->field_size();
-    }
-    if (along_[s].momentum) {
-      momenta.first = along_[s].first_gradient.data();  // contract() brings it to x
-      at += scale->field_size();
-    } else if (scale->has_first_order()) {
-      momenta.first = x.data() + at;
-      at += Dim * scale->field_size();
-    }
-    all.push_back(momenta);
+    if (has_zeroth(scales_[s]->options().orders)) all[s].zeroth = gradient.data() + zeroth_at_[s];
+    if (first_[s].fields == 0 || !with_first) continue;
+    all[s].first = first_[s].along ? first_[s].spread_gradient.data() : gradient_at_all_sites(s, gradient);
   }
   return all;
 }
 
-/// Gradients of the m_i of scales with directions -> those of m_w, in x's layout.
+/// Brings the order-1 gradients from where `targets` had them made to x's layout, and preconditions them.
 template <int Dim, class T>
-void MatchingObjective<Dim, T>::contract(std::vector<T>& gradient) const {
-  std::size_t range = 0;
+void MatchingObjective<Dim, T>::finish_gradient(std::vector<T>& gradient, std::vector<T>& preconditioned) {
   for (std::size_t s = 0; s < scales_.size(); ++s) {
-    if (!scales_[s]->has_first_order()) continue;
-    if (along_[s].momentum)
-      along_[s].momentum->contract(along_[s].first_gradient.data(), gradient.data() + sparsity_[range].begin);
-    range += along_[s].momentum ? 1 : Dim;
+    const FirstOrder& first = first_[s];
+    if (first.fields == 0) continue;
+    const std::size_t count = scales_[s]->field_size();
+    T* all = gradient_at_all_sites(s, gradient);
+    if (first.along) first.along->contract(first.spread_gradient.data(), all);
+    if (shear_only_) drop_normal_components(first, count, all);
+    for (int field = 0; field < first.fields; ++field) {
+      const GroupSparsity& range = sparsity_[first.range + field];
+      if (!has_all_blocks(first))
+        blocks_[first.range + field].gather(Dim, all + field * count, gradient.data() + range.begin);
+      const T factor = static_cast<T>(range.inverse_stiffness);
+      for (std::size_t i = range.begin; i < range.end; ++i) preconditioned[i] = factor * gradient[i];
+    }
   }
 }
 
 template <int Dim, class T>
-void MatchingObjective<Dim, T>::drop_normal_components(std::vector<T>& x) const {
-  std::size_t range = 0;
-  for (std::size_t s = 0; s < scales_.size(); ++s) {
-    if (!scales_[s]->has_first_order()) continue;
-    if (along_[s].momentum) {
-      along_[s].momentum->drop_normal(x.data() + sparsity_[range++].begin);
-      continue;
-    }
-    for (std::size_t axis = 0; axis < Dim; ++axis, ++range)
-      for (std::size_t i = sparsity_[range].begin; i < sparsity_[range].end; i += Dim) x[i + axis] = 0;
+void MatchingObjective<Dim, T>::drop_normal_components(const FirstOrder& first, std::size_t field_size,
+                                                       T* values) const {
+  if (first.along) {
+    first.along->drop_normal(values);
+    return;
   }
+  for (std::size_t axis = 0; axis < Dim; ++axis)
+    for (std::size_t i = axis; i < field_size; i += Dim) values[axis * field_size + i] = 0;
+}
+
+template <int Dim, class T>
+bool MatchingObjective<Dim, T>::revise(MinimiserState<T>& state) {
+  // Which blocks have to be there: momenta that are, or were within the pairs, other than 0, and those that want to be.
+  std::vector<std::vector<char>> wanted(sparsity_.size());
+  std::size_t active = 0, idle = 0, joining = 0;
+  for (std::size_t s = 0; s < scales_.size(); ++s) {
+    const FirstOrder& first = first_[s];
+    for (int field = 0; field < first.fields; ++field) {
+      const std::size_t r = first.range + field;
+      const GroupSparsity& range = sparsity_[r];
+      const BlockSet<Dim>& blocks = blocks_[r];
+      std::vector<char>& needed = wanted[r];
+      needed.assign(blocks.blocks(), range.weight == 0);
+      blocks.mark_nonzero(Dim, state.x.data() + range.begin, needed);
+      for (const CurvaturePair<T>& pair : state.pairs) blocks.mark_nonzero(Dim, pair.s.data() + range.begin, needed);
+      const T* gradient = gradient_at_all_sites(s, state.gradient) + field * scales_[s]->field_size();
+      const std::vector<float>& factors = factors_[r];
+      const std::size_t count = needed.size();
+#pragma omp parallel for schedule(static)
+      for (std::size_t block = 0; block < count; ++block)
+        if (!needed[block])
+          needed[block] = blocks.any_site(block, [&](std::size_t site) {
+            double square = 0;
+            for (int k = 0; k < Dim; ++k) {
+              const double g = gradient[Dim * site + k];
+              square += g * g;
+            }
+            return std::sqrt(square) > (factors.empty() ? range.weight : range.weight * factors[site]);
+          });
+      const auto all = static_cast<std::size_t>(std::count(needed.begin(), needed.end(), 1));
+      std::size_t staying = 0;
+      for (std::uint32_t block : blocks.active()) staying += needed[block];
+      active += blocks.active().size();
+      idle += blocks.active().size() - staying;
+      joining += all - staying;
+    }
+  }
+  const bool has_to_shrink = idle > 0 && 4 * idle >= active;
+  if (joining == 0 && !has_to_shrink) return false;
+
+  // From here on the layout changes; what was complete has its gradient in the state, all else at all sites.
+  std::vector<char> was_complete;
+  for (const FirstOrder& first : first_) was_complete.push_back(has_all_blocks(first));
+  const std::vector<std::size_t> zeroth_before = zeroth_at_;
+  const std::vector<BlockSet<Dim>> blocks_before = blocks_;
+  std::vector<std::size_t> begin_before;
+  for (const GroupSparsity& range : sparsity_) begin_before.push_back(range.begin);
+  for (std::size_t s = 0; s < scales_.size(); ++s)
+    for (std::size_t r = first_[s].range; r < first_[s].range + first_[s].fields; ++r) {
+      if (!has_to_shrink)
+        for (std::uint32_t block : blocks_[r].active()) wanted[r][block] = 1;
+      std::vector<std::uint32_t> numbers;
+      for (std::size_t block = 0; block < wanted[r].size(); ++block)
+        if (wanted[r][block]) numbers.push_back(static_cast<std::uint32_t>(block));
+      blocks_[r] = BlockSet<Dim>(scales_[s]->lattice(), std::move(numbers));
+    }
+  lay_out();
+  gather_factors();
+
+  const auto reshape = [&](std::vector<T>& values) {
+    std::vector<T> now(size_);
+    for (std::size_t s = 0; s < scales_.size(); ++s)
+      if (has_zeroth(scales_[s]->options().orders))
+        std::copy_n(values.data() + zeroth_before[s], scales_[s]->field_size(), now.data() + zeroth_at_[s]);
+    for (std::size_t r = 0; r < sparsity_.size(); ++r)
+      blocks_[r].gather_from(blocks_before[r], Dim, values.data() + begin_before[r], now.data() + sparsity_[r].begin);
+    values = std::move(now);
+  };
+  reshape(state.x);
+  reshape(state.gradient);
+  reshape(state.preconditioned);
+  for (CurvaturePair<T>& pair : state.pairs) {
+    reshape(pair.s);
+    reshape(pair.y);
+    reshape(pair.y_preconditioned);
+  }
+  for (std::size_t s = 0; s < scales_.size(); ++s)
+    for (int field = 0; field < first_[s].fields && !was_complete[s]; ++field) {
+      const GroupSparsity& range = sparsity_[first_[s].range + field];
+      blocks_[first_[s].range + field].gather(Dim, first_[s].gradient.data() + field * scales_[s]->field_size(),
+                                              state.gradient.data() + range.begin);
+      const T factor = static_cast<T>(range.inverse_stiffness);
+      for (std::size_t i = range.begin; i < range.end; ++i) state.preconditioned[i] = factor * state.gradient[i];
+    }
+  return true;
+}
+
+template <int Dim, class T>
+std::vector<std::vector<std::uint32_t>> MatchingObjective<Dim, T>::active_blocks() const {
+  std::vector<std::vector<std::uint32_t>> active;
+  for (const BlockSet<Dim>& blocks : blocks_) active.push_back(blocks.active());
+  return active;
+}
+
+template <int Dim, class T>
+void MatchingObjective<Dim, T>::set_active_blocks(const std::vector<std::vector<std::uint32_t>>& active) {
+  if (active.size() > blocks_.size())
+    throw InvalidInput("the active blocks are those of " + std::to_string(active.size()) + " fields and there are " +
+                       std::to_string(blocks_.size()) + " fields of first-order momenta; give no more than that");
+  std::vector<BlockSet<Dim>> now;
+  for (std::size_t s = 0; s < scales_.size(); ++s)
+    for (std::size_t r = first_[s].range; r < first_[s].range + first_[s].fields; ++r) {
+      const Lattice<Dim>& lattice = scales_[s]->lattice();
+      now.push_back(r < active.size()          ? BlockSet<Dim>(lattice, active[r])
+                    : sparsity_[r].weight == 0 ? BlockSet<Dim>::all(lattice)
+                                               : BlockSet<Dim>::none(lattice));
+    }
+  blocks_ = std::move(now);
+  lay_out();
+  gather_factors();
+}
+
+template <int Dim, class T>
+double MatchingObjective<Dim, T>::active_block_share() const {
+  std::size_t active = 0, all = 0;
+  for (const BlockSet<Dim>& blocks : blocks_) {
+    active += blocks.active().size();
+    all += blocks.blocks();
+  }
+  return all > 0 ? static_cast<double>(active) / static_cast<double>(all) : 0;
 }
 
 template <int Dim, class T>
 void MatchingObjective<Dim, T>::weigh(const SparsityRound& round, const std::vector<T>& x) {
-  std::size_t range = 0;
   for (std::size_t s = 0; s < scales_.size(); ++s) {
-    if (!scales_[s]->has_first_order()) continue;
+    if (first_[s].fields == 0) continue;
     const Lattice<Dim>& lattice = scales_[s]->lattice();
-    const int fields = along_[s].momentum ? 1 : Dim;
-    const T* first = x.data() + sparsity_[range].begin;
+    const int fields = first_[s].fields;
     std::vector<std::vector<float>> factors;
     switch (round.weights) {
       case SparsityRound::Weights::Even:
         factors.assign(fields, std::vector<float>(round.factor == 1 ? 0 : lattice.sites(), round.factor));
         break;
       case SparsityRound::Weights::Reweighted:
-        factors = reweighted_factors<Dim, T>(lattice, first, fields);
+        factors = reweighted_factors<Dim, T>(lattice, all_sites(s, x), fields);
         break;
       case SparsityRound::Weights::Debiased:
-        factors = support_factors<Dim, T>(lattice, first, fields);
+        factors = support_factors<Dim, T>(lattice, all_sites(s, x), fields);
         break;
     }
-    for (int axis = 0; axis < fields; ++axis) sparsity_[range++].factors = std::move(factors[axis]);
+    std::move(factors.begin(), factors.end(), factors_.begin() + static_cast<std::ptrdiff_t>(first_[s].range));
   }
+  gather_factors();
 }
 
 template <int Dim, class T>
 void MatchingObjective<Dim, T>::restore_weights(const std::vector<std::vector<float>>& factors) {
   bool fits = factors.size() == sparsity_.size();
   for (std::size_t r = 0; fits && r < factors.size(); ++r)
-    fits = factors[r].empty() || factors[r].size() * Dim == sparsity_[r].end - sparsity_[r].begin;
+    fits = factors[r].empty() || factors[r].size() == blocks_[r].all_sites();
   if (!fits)
     throw InvalidInput("the sparsity factors are " + std::to_string(factors.size()) + " lists for " +
                        std::to_string(sparsity_.size()) + " fields of first-order momenta, or of other lengths");
-  for (std::size_t r = 0; r < factors.size(); ++r) sparsity_[r].factors = factors[r];
+  factors_ = factors;
+  gather_factors();
 }
 
 template <int Dim, class T>
@@ -193,7 +351,7 @@ Evaluation MatchingObjective<Dim, T>::evaluate(const std::vector<T>& x, std::vec
   const std::vector<MomentumPointers<T>> momenta = pointers(x);
   std::fill(gradient.begin(), gradient.end(), T(0));
   std::fill(preconditioned.begin(), preconditioned.end(), T(0));
-  const std::vector<MomentumTargets<T>> gradients = targets(gradient), scaled = targets(preconditioned);
+  const std::vector<MomentumTargets<T>> gradients = targets(gradient, true), scaled = targets(preconditioned, false);
 
   // The penalty's gradient is a V K m, so its preconditioned form is m itself.
   parts_ = {};
@@ -234,15 +392,7 @@ Evaluation MatchingObjective<Dim, T>::evaluate(const std::vector<T>& x, std::vec
     }
   map_.adjoint(shooting_.velocities(), displacement_dual_, velocity_duals_);
   shooting_.adjoint(momenta, velocity_duals_, gradients, scaled);
-  contract(gradient);
-
-  for (const GroupSparsity& range : sparsity_)
-    for (std::size_t i = range.begin; i < range.end; ++i)
-      preconditioned[i] = static_cast<T>(range.inverse_stiffness) * gradient[i];
-  if (shear_only_) {
-    drop_normal_components(gradient);
-    drop_normal_components(preconditioned);
-  }
+  finish_gradient(gradient, preconditioned);
   const double energy = parts_.similarity + parts_.regularisation;
   return {energy, std::isfinite(energy)};
 }

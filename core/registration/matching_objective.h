@@ -3,6 +3,7 @@
 #include "core/flow/backward_map.h"
 #include "core/flow/geodesic_shooting.h"
 #include "core/grid/warp.h"
+#include "core/momenta/block_set.h"
 #include "core/momenta/directional_momentum.h"
 #include "core/optimisation/objective.h"
 #include "core/registration/sparsity_rounds.h"
@@ -40,11 +41,17 @@ void warp_level(const MatchingLevel<Dim, T>& level, const Field<T>& displacement
 
 /// E(m) = weight * E_S(I0 o psi_1, I1) + sum over scales and orders of 1/2 ||v_i(0)||^2 + divergence penalty, with its
 /// exact discrete gradient. x holds, scale by scale, the order-0 field and then the Dim order-1 fields (one field m_w
-/// where the scale has directions), as far as a scale has them.
+/// where the scale has directions), as far as a scale has them; of each order-1 field only what lies in its active
+/// blocks, in the compact order of block_set.h. All other momenta are 0.
+///
+/// With sparsity, `revise` keeps the blocks to what can be other than 0: a block joins as soon as one of its groups has
+/// a gradient above its weight (the optimality condition of a group at 0), so that a minimum over the active blocks is
+/// one over all; blocks that are 0 and want to stay so leave when they are a quarter of the active ones. Without
+/// sparsity all blocks are active.
 template <int Dim, class T>
 class MatchingObjective final : public Objective<T> {
  public:
-  /// `scales` and `level` must outlive this. `sparsity` is lambda, per mm of a_1 m_i.
+  /// `scales` and `level` must outlive this. `sparsity` is lambda, per mm of a_1 m_i. All blocks are active.
   MatchingObjective(std::vector<MomentumScale<Dim, T>*> scales, const MatchingLevel<Dim, T>& level,
                     std::unique_ptr<Similarity<Dim, T>> similarity, double sparsity);
 
@@ -52,6 +59,15 @@ class MatchingObjective final : public Objective<T> {
   Evaluation evaluate(const std::vector<T>& x, std::vector<T>& gradient, std::vector<T>& preconditioned) override;
   double first_step(const std::vector<T>& direction) override;
   const std::vector<GroupSparsity>& sparsity() const override { return sparsity_; }
+  bool revise(MinimiserState<T>& state) override;
+
+  /// Numbers of the active blocks of each order-1 field, in x's order.
+  std::vector<std::vector<std::uint32_t>> active_blocks() const;
+  /// Makes these blocks the active ones, which changes what x is. Fields beyond the list begin with none (all, without
+  /// sparsity). Throws InvalidInput when they do not fit.
+  void set_active_blocks(const std::vector<std::vector<std::uint32_t>>& active);
+  /// Active share of all blocks of all order-1 fields; 0 where there are none.
+  double active_block_share() const;
 
   /// Parts of the last evaluation.
   const EnergyParts& parts() const { return parts_; }
@@ -62,7 +78,9 @@ class MatchingObjective final : public Objective<T> {
 
   /// Sets the sparsity weights for a round that starts from x.
   void weigh(const SparsityRound& round, const std::vector<T>& x);
-  /// Puts back the factors that sparsity() had after `weigh`, in its order. Throws InvalidInput when they do not fit.
+  /// The factors made by `weigh`, for all sites of each order-1 field (empty: 1 each).
+  const std::vector<std::vector<float>>& weights() const { return factors_; }
+  /// Puts back what `weights` gave. Throws InvalidInput when they do not fit.
   void restore_weights(const std::vector<std::vector<float>>& factors);
 
   /// Leave out component i of m_i: such a momentum can only shear (no gradient, so it stays 0).
@@ -70,22 +88,33 @@ class MatchingObjective final : public Objective<T> {
   /// Called many times in each evaluation with the share of it that is done; may throw to end it.
   void on_work(std::function<void(double)> callback);
 
-  /// Momenta of each scale, with first orders along a direction spread to all axes. Valid until x or this changes.
+  /// Momenta of each scale at all sites, with first orders along a direction spread to all axes. Valid until x or this
+  /// changes, or the next call.
   std::vector<MomentumPointers<T>> pointers(const std::vector<T>& x) const;
 
  private:
-  std::vector<MomentumTargets<T>> targets(std::vector<T>& x) const;
-  void drop_normal_components(std::vector<T>& x) const;
-  void contract(std::vector<T>& gradient) const;
-
-  /// What a scale with directions needs: m_i made of m_w, and where gradients of m_i go before they become one of m_w.
-  struct Along {
-    std::unique_ptr<DirectionalMomentum<Dim, T>> momentum;
-    mutable std::vector<T> first, first_gradient;
+  /// The first orders of one scale: where they lie and how they get from x to all sites of the lattice and back.
+  struct FirstOrder {
+    int fields = 0;         ///< Dim, or 1 along a direction; 0: the scale has none
+    std::size_t range = 0;  ///< of its first field in sparsity_
+    std::unique_ptr<DirectionalMomentum<Dim, T>> along;
+    std::vector<T> momentum, gradient;       ///< of `fields` fields at all sites; unused while all blocks are active
+    std::vector<T> spread, spread_gradient;  ///< m_i made of m_w, and where their gradients go
   };
+  void lay_out();
+  void gather_factors();
+  bool has_all_blocks(const FirstOrder& first) const;
+  const T* all_sites(std::size_t scale, const std::vector<T>& x) const;
+  T* gradient_at_all_sites(std::size_t scale, std::vector<T>& gradient);
+  std::vector<MomentumTargets<T>> targets(std::vector<T>& gradient, bool with_first);
+  void finish_gradient(std::vector<T>& gradient, std::vector<T>& preconditioned);
+  void drop_normal_components(const FirstOrder& first, std::size_t field_size, T* values) const;
 
   std::vector<MomentumScale<Dim, T>*> scales_;
-  std::vector<Along> along_;  ///< by scale; no momentum: first orders lie in x as they are
+  std::vector<std::size_t> zeroth_at_;       ///< by scale: where its order-0 field begins in x
+  mutable std::vector<FirstOrder> first_;    ///< by scale; mutable: holds scratch
+  std::vector<BlockSet<Dim>> blocks_;        ///< by order-1 field, as sparsity_
+  std::vector<std::vector<float>> factors_;  ///< of the weights at all sites, as sparsity_; its own are compact
   const MatchingLevel<Dim, T>& level_;
   std::unique_ptr<Similarity<Dim, T>> similarity_;
   GeodesicShooting<Dim, T> shooting_;

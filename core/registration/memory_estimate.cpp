@@ -35,6 +35,9 @@ std::size_t memory_estimate(const ImageGrid<Dim>& fixed, const ImageGrid<Dim>& m
     const double sites = static_cast<double>(level_lattice(image, q).sites());
     unknowns += Dim * Dim * sites;
     level_bytes += sites * ((2 * nodes + 11) * vector + scatter + 5 * Dim * vector + (2 + Dim) * (1 + Dim) * vector);
+    // With sparsity only active blocks are unknowns, beside momenta and gradients at all sites. How many there will be
+    // is not known: nearly all, at worst.
+    if (m.sparsity > 0) level_bytes += sites * 2 * Dim * vector;
   }
   // L-BFGS: three vectors a pair, ten of its own.
   level_bytes += unknowns * scalar * (3 * options.optimisation.history + 11);

@@ -163,6 +163,7 @@ RegistrationResult<Dim> register_images(const RegistrationInput<Dim>& input, con
             *std::min_element(level_images.lattice.spacing.begin(), level_images.lattice.spacing.end())),
         options.momenta.sparsity);
     if (options.momenta.shear_only) objective->keep_shear_only();
+    objective->set_active_blocks(reached.active_blocks);  // finer scales begin with none
     if (is_resumed && momenta.size() != objective->size())
       throw InvalidInput("the checkpoint is damaged, it holds " + std::to_string(momenta.size()) + " momenta where " +
                          std::to_string(objective->size()) + " are needed; start again without it");
@@ -216,8 +217,8 @@ RegistrationResult<Dim> register_images(const RegistrationInput<Dim>& input, con
       reached.level = level_summary;
       count_time(reached.level);
       reached.optimality_reference = how.optimality_reference;
-      reached.sparsity_factors.clear();
-      for (const GroupSparsity& range : objective->sparsity()) reached.sparsity_factors.push_back(range.factors);
+      reached.sparsity_factors = objective->weights();
+      reached.active_blocks = objective->active_blocks();
       reached.levels = summary.levels;
       reached.history = summary.history;
       reached.seconds = seconds_before + whole.seconds();
@@ -268,6 +269,8 @@ RegistrationResult<Dim> register_images(const RegistrationInput<Dim>& input, con
       count_round();
     }
     reached.minimiser = MinimiserState<Scalar>(std::move(momenta));  // the momenta stay, the curvature's memory goes
+    reached.active_blocks = objective->active_blocks();
+    level_summary.active_block_share = objective->active_block_share();
     objective->on_work({});
     meter.settle(planned_until[step]);
     count_time(level_summary);
@@ -278,7 +281,7 @@ RegistrationResult<Dim> register_images(const RegistrationInput<Dim>& input, con
 
   const std::vector<Field<Scalar>>& velocities = objective->velocities(momenta);
   const Field<Scalar> backward = write_fields(input, level_images.lattice, velocities, result);
-  collect_momenta(active, momenta, input.fixed.grid, result);
+  collect_momenta(active, objective->pointers(momenta), input.fixed.grid, result);
   summarise_similarity(pyramid.full_resolution(), options, backward, result);
   if (active.size() == 1) {
     const std::vector<double> energies = objective->hamiltonians(momenta);

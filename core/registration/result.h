@@ -44,6 +44,7 @@ struct LevelSummary {
   double energy_before = 0;
   double energy_after = 0;
   Termination termination = Termination::Converged;
+  double active_block_share = 0;  ///< at the end: blocks of first-order momenta that were stored, of all there are
   double seconds = 0;
   double cpu_seconds = 0;
 };

@@ -63,6 +63,7 @@ Json describe(const LevelSummary& level) {
           {"energy_after", level.energy_after},
           {"termination", to_string(level.termination)},
           {"seconds", level.seconds},
+          {"active_block_share", level.active_block_share},
           {"cpu_seconds", level.cpu_seconds}};
 }
 

@@ -1,0 +1,82 @@
+#pragma once
+
+#include "core/grid/lattice.h"
+
+#include <cstdint>
+#include <vector>
+
+namespace saltus {
+
+/// Some of the blocks that a lattice is cut into: 8 sites along every axis, fewer at the upper border. Blocks are
+/// numbered as sites are, x fastest. A *dense* field has values for all sites, a *compact* one for the sites of active
+/// blocks only, in the order of the lattice (x fastest, over all active blocks), so that with all blocks active the two
+/// are the same. Both are interleaved, with `channels` values a site.
+template <int Dim>
+class BlockSet {
+ public:
+  static constexpr int kEdge = 8;
+
+  /// All blocks of the lattice, or none of them.
+  static BlockSet all(const Lattice<Dim>& lattice);
+  static BlockSet none(const Lattice<Dim>& lattice) { return BlockSet(lattice, {}); }
+
+  /// `active`: numbers of blocks, each once, rising. Throws InvalidInput when they are no such thing.
+  BlockSet(const Lattice<Dim>& lattice, std::vector<std::uint32_t> active);
+
+  std::size_t blocks() const { return blocks_; }  ///< that there are, active or not
+  const std::vector<std::uint32_t>& active() const { return active_; }
+  bool is_complete() const { return active_.size() == blocks_; }
+  std::size_t sites() const { return sites_; }          ///< of the active blocks
+  std::size_t all_sites() const { return all_sites_; }  ///< of the lattice
+
+  /// Dense -> compact.
+  template <class T>
+  void gather(int channels, const T* dense, T* compact) const;
+  /// Compact -> dense; all other sites become 0.
+  template <class T>
+  void scatter(int channels, const T* compact, T* dense) const;
+  /// compact of `from` -> compact of this set, of the same lattice; sites that `from` does not have become 0.
+  template <class T>
+  void gather_from(const BlockSet& from, int channels, const T* theirs, T* compact) const;
+  /// Sets found[block] of each active block in which the compact field has a value that is not 0; leaves the others.
+  template <class T>
+  void mark_nonzero(int channels, const T* compact, std::vector<char>& found) const;
+
+  /// Whether condition(site) holds for some site of the block.
+  template <class Condition>
+  bool any_site(std::size_t block, Condition&& condition) const {
+    Index<Dim> first, end;
+    std::size_t rest = block, start = 0, stride = 1;
+    std::size_t strides[Dim];
+    for (int axis = 0; axis < Dim; ++axis) {
+      const std::size_t along = blocks_along(axis);
+      first[axis] = static_cast<int>(rest % along) * kEdge;
+      end[axis] = first[axis] + kEdge < size_[axis] ? first[axis] + kEdge : size_[axis];
+      rest /= along;
+      strides[axis] = stride;
+      start += stride * static_cast<std::size_t>(first[axis]);
+      stride *= static_cast<std::size_t>(size_[axis]);
+    }
+    const int planes = Dim == 3 ? end[Dim - 1] - first[Dim - 1] : 1;
+    for (int z = 0; z < planes; ++z)
+      for (int y = 0; y < end[1] - first[1]; ++y)
+        for (int x = 0; x < end[0] - first[0]; ++x)
+          if (condition(start + z * strides[Dim - 1] + y * strides[1] + x)) return true;
+    return false;
+  }
+
+ private:
+  /// Neighbouring active blocks cut by one row of the lattice: sites that follow each other in both orders.
+  struct Run {
+    std::size_t site, at, count;  ///< first site, its place in the compact order, number of sites
+    std::size_t block;            ///< of the first site
+  };
+  std::size_t blocks_along(int axis) const { return static_cast<std::size_t>((size_[axis] + kEdge - 1) / kEdge); }
+
+  Index<Dim> size_;
+  std::size_t blocks_ = 1, sites_ = 0, all_sites_ = 1;
+  std::vector<std::uint32_t> active_;
+  std::vector<Run> runs_;
+};
+
+}  // namespace saltus
