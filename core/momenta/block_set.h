@@ -7,14 +7,14 @@
 
 namespace saltus {
 
-/// Some of the blocks that a lattice is cut into: 8 sites along every axis, fewer at the upper border. Blocks are
+/// Some of the blocks that a lattice is cut into: 4 sites along every axis, fewer at the upper border. Blocks are
 /// numbered as sites are, x fastest. A *dense* field has values for all sites, a *compact* one for the sites of active
 /// blocks only, in the order of the lattice (x fastest, over all active blocks), so that with all blocks active the two
 /// are the same. Both are interleaved, with `channels` values a site.
 template <int Dim>
 class BlockSet {
  public:
-  static constexpr int kEdge = 8;
+  static constexpr int kEdge = 4;
 
   /// All blocks of the lattice, or none of them.
   static BlockSet all(const Lattice<Dim>& lattice);

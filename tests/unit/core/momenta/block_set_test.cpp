@@ -26,7 +26,7 @@ std::vector<std::uint32_t> block_of_sites(const Lattice<Dim>& lattice) {
   for (int slab = 0; slab < lattice.size[Dim - 1]; ++slab)
     visit_slab<Dim>(lattice, slab, [&](const Index<Dim>& index, std::size_t) {
       std::uint32_t block = 0;
-      for (int axis = Dim - 1; axis >= 0; --axis) block = block * ((lattice.size[axis] + 7) / 8) + index[axis] / 8;
+      for (int axis = Dim - 1; axis >= 0; --axis) block = block * ((lattice.size[axis] + 3) / 4) + index[axis] / 4;
       blocks.push_back(block);
     });
   return blocks;
@@ -107,12 +107,12 @@ TEST(BlockSet, VisitsTheSitesOfABlock) {
 }
 
 TEST(BlockSet, MarksBlocksThatHoldSomething) {
-  const Lattice<2> lattice = lattice_of_size<2>({26, 19});  // 4 x 3 blocks
+  const Lattice<2> lattice = lattice_of_size<2>({14, 11});  // 4 x 3 blocks
   const BlockSet<2> set(lattice, {1, 2, 3, 6, 11});
   std::vector<float> dense(2 * lattice.sites(), 0), compact(2 * set.sites());
-  dense[2 * (7 * 26 + 23) + 1] = 1e-30f;  // the last site of block 2
-  dense[2 * (18 * 26 + 25)] = -1;         // of block 11
-  dense[2 * (10 * 26)] = 1;               // of block 4, which is not active
+  dense[2 * (3 * 14 + 11) + 1] = 1e-30f;  // the last site of block 2
+  dense[2 * (10 * 14 + 13)] = -1;         // of block 11
+  dense[2 * (5 * 14)] = 1;                // of block 4, which is not active
   set.gather(2, dense.data(), compact.data());
   std::vector<char> found(set.blocks(), 0);
   found[0] = 1;
@@ -121,7 +121,7 @@ TEST(BlockSet, MarksBlocksThatHoldSomething) {
 }
 
 TEST(BlockSet, RefusesNumbersThatAreNoSet) {
-  const Lattice<2> lattice = lattice_of_size<2>({16, 16});
+  const Lattice<2> lattice = lattice_of_size<2>({8, 8});
   for (const std::vector<std::uint32_t>& wrong : {std::vector<std::uint32_t>{4}, {1, 1}, {2, 1}, {0, 4294967295u}})
     EXPECT_THROW(BlockSet<2>(lattice, wrong), InvalidInput);
 }
