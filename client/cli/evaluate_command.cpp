@@ -71,10 +71,12 @@ nlohmann::json score(const EvaluateOptions& options, const std::filesystem::path
     result["epe_mm"] = as_json(summarise(endpoint_errors(displacement, truth, mask)));
   }
   if (!options.fixed_labels.empty()) {
-    const auto fixed = read_volume<Dim>(options.fixed_labels), moving = read_volume<Dim>(options.moving_labels);
-    require_same_grid("the displacement", displacement.grid, "--fixed-labels " + options.fixed_labels, fixed.grid);
+    // A label map may have a grid of its own: what counts is its place in the world.
     const WarpOptions nearest{.interpolation = Interpolation::Nearest, .outside = 0.0f};
-    const auto before = label_overlaps(fixed, warp_image(moving, VectorVolume<Dim>(fixed.grid), nearest));
+    const VectorVolume<Dim> at_rest(displacement.grid);
+    const auto moving = read_volume<Dim>(options.moving_labels);
+    const auto fixed = warp_image(read_volume<Dim>(options.fixed_labels), at_rest, nearest);
+    const auto before = label_overlaps(fixed, warp_image(moving, at_rest, nearest));
     const auto after = label_overlaps(fixed, warp_image(moving, displacement, nearest));
     auto list = [](const std::vector<LabelOverlap>& overlaps) {
       nlohmann::json labels = nlohmann::json::object();
@@ -169,7 +171,7 @@ void add_evaluate_command(CLI::App& app, int& exit_code) {
   add_file("--fixed-points", options->fixed_points, "Landmarks of the fixed image")->type_name("P.csv");
   add_file("--moving-points", options->moving_points, "The same landmarks in the moving image, row by row")
       ->type_name("Q.csv");
-  add_file("--fixed-labels", options->fixed_labels, "Label map of the fixed image, on its grid")->type_name("IMAGE");
+  add_file("--fixed-labels", options->fixed_labels, "Label map of the fixed image, on any grid")->type_name("IMAGE");
   add_file("--moving-labels", options->moving_labels, "Label map of the moving image")->type_name("IMAGE");
   add_file("--truth", options->truth, "True displacement on the fixed grid")->type_name("FIELD");
   add_file("--mask", options->masks, "Where the error against the truth counts; given twice, where both do")

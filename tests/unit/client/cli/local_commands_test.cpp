@@ -14,6 +14,7 @@
 #include "client/cli/transform_folder.h"
 #include "core/image_io/points_io.h"
 #include "core/image_io/read_image.h"
+#include "core/image_io/write_image.h"
 #include "core/image_io/write_transform.h"
 #include "core/support/errors.h"
 
@@ -80,6 +81,32 @@ TEST_F(LocalCommands, APhantomsTruthScoresPerfectly) {
     EXPECT_LT(score.at("dice_before").at("mean").get<double>(), 1 - 6.0 / 48);
     fs::remove_all(folder_ / "t");
   }
+}
+
+// A label map on a larger grid, with the same labels at the same places in the world, scores the same.
+TEST_F(LocalCommands, LabelsMayHaveAGridOfTheirOwn) {
+  make_slip();
+  const Volume<2> labels = read_volume<2>(at("p/fixed_labels.mha"));
+  ImageGrid<2> grid = labels.grid;
+  constexpr int margin = 4;
+  for (int axis = 0; axis < 2; ++axis) grid.size[axis] += 2 * margin;
+  grid.origin = labels.grid.to_world(Vector<2>::Constant(-margin));
+  Volume<2> larger(grid);
+  for (int y = 0; y < labels.grid.size[1]; ++y)
+    for (int x = 0; x < labels.grid.size[0]; ++x)
+      larger.samples[(y + margin) * grid.size[0] + x + margin] = labels.samples[y * labels.grid.size[0] + x];
+  write_volume<2>(at("larger.mha"), larger);
+  nlohmann::json scores[2];
+  for (const bool is_larger : {false, true}) {
+    ASSERT_EQ(run({"evaluate", "--transform", at("t"), "--fixed-labels",
+                   is_larger ? at("larger.mha") : at("p/fixed_labels.mha"), "--moving-labels",
+                   at("p/moving_labels.mha"), "--json"}),
+              Done)
+        << error_;
+    scores[is_larger] = nlohmann::json::parse(out_);
+  }
+  EXPECT_EQ(scores[0].at("dice"), scores[1].at("dice"));
+  EXPECT_EQ(scores[0].at("dice_before"), scores[1].at("dice_before"));
 }
 
 TEST_F(LocalCommands, PointsGoThereAndBack) {
