@@ -1,5 +1,7 @@
 #include "core/grid/image_grid.h"
 
+#include <algorithm>
+#include <cmath>
 #include <sstream>
 
 namespace saltus {
@@ -32,6 +34,27 @@ bool ImageGrid<Dim>::operator==(const ImageGrid& other) const {
 }
 
 template <int Dim>
+std::string size_text(const Index<Dim>& size) {
+  std::string text;
+  for (int extent : size) text += (text.empty() ? "" : "x") + std::to_string(extent);
+  return text;
+}
+
+template <int Dim>
+double largest_distance(const ImageGrid<Dim>& a, const ImageGrid<Dim>& b) {
+  // The maps are affine, so no voxel is farther apart than some corner.
+  double largest = 0;
+  for (int bits = 0; bits < 1 << Dim; ++bits) {
+    Vector<Dim> corner;
+    for (int axis = 0; axis < Dim; ++axis) corner[axis] = bits >> axis & 1 ? a.size[axis] - 1 : 0;
+    const double apart = (a.to_world(corner) - b.to_world(corner)).norm();
+    if (std::isnan(apart)) return apart;
+    largest = std::max(largest, apart);
+  }
+  return largest;
+}
+
+template <int Dim>
 std::vector<std::string> problems(const ImageGrid<Dim>& grid) {
   std::vector<std::string> found;
   auto report = [&found](const auto&... parts) {
@@ -55,6 +78,10 @@ std::vector<std::string> problems(const ImageGrid<Dim>& grid) {
 
 template struct ImageGrid<2>;
 template struct ImageGrid<3>;
+template std::string size_text<2>(const Index<2>&);
+template std::string size_text<3>(const Index<3>&);
+template double largest_distance(const ImageGrid<2>&, const ImageGrid<2>&);
+template double largest_distance(const ImageGrid<3>&, const ImageGrid<3>&);
 template std::vector<std::string> problems(const ImageGrid<2>&);
 template std::vector<std::string> problems(const ImageGrid<3>&);
 

@@ -37,6 +37,14 @@ struct ImageGrid {
   bool operator==(const ImageGrid& other) const;
 };
 
+/// "166x195x25".
+template <int Dim>
+std::string size_text(const Index<Dim>& size);
+
+/// Largest distance, mm, between the places that two grids of one size give a voxel.
+template <int Dim>
+double largest_distance(const ImageGrid<Dim>& a, const ImageGrid<Dim>& b);
+
 /// Every reason why `grid` cannot be used (empty, non-finite or non-positive spacing, direction not orthonormal).
 template <int Dim>
 std::vector<std::string> problems(const ImageGrid<Dim>& grid);

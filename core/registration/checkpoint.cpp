@@ -12,7 +12,7 @@ namespace {
 
 constexpr char kMagic[8] = {'S', 'A', 'L', 'T', 'U', 'S', 'C', 'P'};
 /// To be raised with every change of what is stored or of what is computed from it.
-constexpr std::uint32_t kVersion = 3;
+constexpr std::uint32_t kVersion = 4;
 
 struct Header {
   char magic[8];
@@ -108,6 +108,7 @@ void transfer_level(Stream& stream, Level& level) {
   stream(level.rounds);
   stream(level.optimality);
   stream(level.smoothing_voxels);
+  stream(level.similarity_weight);
   stream(level.energy_before);
   stream(level.energy_after);
   stream(level.termination);

@@ -1,5 +1,6 @@
 #include "core/registration/direction.h"
 
+#include "core/registration/input_checks.h"
 #include "core/support/errors.h"
 
 #include <algorithm>
@@ -13,21 +14,6 @@ namespace {
 constexpr double kUnitLength = 0.01;
 
 bool is_unit(double length) { return std::abs(length - 1) <= kUnitLength; }
-
-/// Share of a voxel by which headers may differ.
-constexpr double kSamePlace = 0.05;
-
-/// Largest distance, mm, between the places that two grids of one size give a corner voxel.
-template <int Dim>
-double largest_distance(const ImageGrid<Dim>& a, const ImageGrid<Dim>& b) {
-  double largest = 0;
-  for (int bits = 0; bits < 1 << Dim; ++bits) {
-    Vector<Dim> corner;
-    for (int axis = 0; axis < Dim; ++axis) corner[axis] = bits >> axis & 1 ? a.size[axis] - 1 : 0;
-    largest = std::max(largest, (a.to_world(corner) - b.to_world(corner)).norm());
-  }
-  return largest;
-}
 
 }  // namespace
 

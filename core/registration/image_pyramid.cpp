@@ -1,5 +1,6 @@
 #include "core/registration/image_pyramid.h"
 
+#include "core/grid/intensity_range.h"
 #include "core/grid/noise.h"
 #include "core/grid/pyramid.h"
 #include "core/registration/finish.h"
@@ -14,46 +15,19 @@ namespace {
 /// What linear interpolation may take from the noise, standard deviation in units of the scaled intensities.
 constexpr double kLostNoise = 0.0075;
 
-struct IntensityScale {
-  double low = 0, factor = 1;
-
-  explicit IntensityScale(std::vector<float> samples) {
-    const auto percentile = [&](double share) {
-      const auto at = samples.begin() + static_cast<std::ptrdiff_t>(share * (samples.size() - 1));
-      std::nth_element(samples.begin(), at, samples.end());
-      return static_cast<double>(*at);
-    };
-    double high = percentile(0.99);
-    low = percentile(0.01);
-    if (!(high > low)) {
-      const auto [smallest, largest] = std::minmax_element(samples.begin(), samples.end());
-      low = *smallest;
-      high = *largest;
-    }
-    if (high > low) factor = 1 / (high - low);
-  }
-
-  std::vector<float> operator()(const std::vector<float>& samples) const {
-    std::vector<float> scaled(samples.size());
-    std::transform(samples.begin(), samples.end(), scaled.begin(),
-                   [this](float v) { return static_cast<float>((v - low) * factor); });
-    return scaled;
-  }
-};
+/// Maps `range` to [0,1]; a range of width 0 to its difference from the lower end. Nothing is clipped.
+std::vector<float> scaled(const IntensityRange& range, const std::vector<float>& samples) {
+  const double factor = range.width() > 0 ? 1 / range.width() : 1;
+  std::vector<float> result(samples.size());
+  std::transform(samples.begin(), samples.end(), result.begin(),
+                 [&](float v) { return static_cast<float>((v - range.low) * factor); });
+  return result;
+}
 
 std::vector<float> binary(const std::vector<float>& mask) {
   std::vector<float> weights(mask.size());
   std::transform(mask.begin(), mask.end(), weights.begin(), [](float v) { return v > 0 ? float(1) : float(0); });
   return weights;
-}
-
-template <int Dim>
-std::vector<float> visible(const std::vector<float>& samples, const std::optional<Volume<Dim>>& mask) {
-  if (!mask) return samples;
-  std::vector<float> shown;
-  for (std::size_t i = 0; i < samples.size(); ++i)
-    if (mask->samples[i] > 0) shown.push_back(samples[i]);
-  return shown;
 }
 
 template <int Dim>
@@ -98,12 +72,13 @@ ImagePyramid<Dim>::ImagePyramid(const RegistrationInput<Dim>& input, const Regis
       fixed_lattice_(lattice_of(input.fixed.grid)),
       moving_lattice_(lattice_of(input.moving.grid)),
       to_moving_(frame_to_index(input)) {
-  const IntensityScale scale(visible(input.fixed.samples, input.fixed_mask));
-  fixed_ = scale(input.fixed.samples);
-  moving_ = scale(input.moving.samples);
   const std::vector<float> fixed_weights = input.fixed_mask ? binary(input.fixed_mask->samples) : std::vector<float>{};
   const std::vector<float> moving_weights =
       input.moving_mask ? binary(input.moving_mask->samples) : std::vector<float>{};
+  const IntensityRange range = intensity_range(input.fixed.samples.size(), input.fixed.samples.data(),
+                                               fixed_weights.empty() ? nullptr : fixed_weights.data());
+  fixed_ = scaled(range, input.fixed.samples);
+  moving_ = scaled(range, input.moving.samples);
   if (input.fixed_mask) hide(fixed_weights, fixed_);
   if (input.moving_mask) hide(moving_weights, moving_);
   const SimilarityOptions& similarity = options.similarity_parameters;

@@ -24,9 +24,9 @@ class ImagePyramid {
   double smoothing_voxels(int level) const;
   /// What the similarity of a level is multiplied with. ssd counts the less the more noise a level has; coarse levels
   /// have little, and large motion is found there.
-  double similarity_weight(int level = 0) const;
+  double similarity_weight(int level) const;
   /// What the divergence penalty of a level is multiplied with.
-  double divergence_weight(int level = 0) const;
+  double divergence_weight(int level) const;
 
   /// Images of one level, smoothed.
   MatchingLevel<Dim, float> level(int level) const;

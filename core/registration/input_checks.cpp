@@ -15,13 +15,6 @@ namespace saltus {
 namespace {
 
 template <int Dim>
-std::string describe(const Index<Dim>& size) {
-  std::string text;
-  for (int extent : size) text += (text.empty() ? "" : "x") + std::to_string(extent);
-  return text;
-}
-
-template <int Dim>
 void check_volume(const char* what, const Volume<Dim>& volume) {
   const std::vector<std::string> found = problems(volume.grid);
   if (!found.empty()) throw InvalidInput(std::string(what) + " image: " + found.front());
@@ -37,28 +30,13 @@ void check_volume(const char* what, const Volume<Dim>& volume) {
                        std::to_string(bad - volume.samples.begin()) + "; replace NaN and Inf before registering");
 }
 
-/// Largest distance, mm, between the places that two grids of one size give a corner voxel.
-template <int Dim>
-double largest_distance(const ImageGrid<Dim>& a, const ImageGrid<Dim>& b) {
-  double largest = 0;
-  for (int bits = 0; bits < 1 << Dim; ++bits) {
-    Vector<Dim> corner;
-    for (int axis = 0; axis < Dim; ++axis) corner[axis] = bits >> axis & 1 ? a.size[axis] - 1 : 0;
-    largest = std::max(largest, (a.to_world(corner) - b.to_world(corner)).norm());
-  }
-  return largest;
-}
-
-/// Share of a voxel by which headers may differ: some formats keep single precision.
-constexpr double kSamePlace = 0.05;
-
 template <int Dim>
 void check_mask(const char* what, const std::optional<Volume<Dim>>& mask, const Volume<Dim>& image) {
   if (!mask) return;
   check_volume(what, *mask);
   if (mask->grid.size != image.grid.size)
-    throw InvalidInput(std::string(what) + " is " + describe<Dim>(mask->grid.size) + "; its image is " +
-                       describe<Dim>(image.grid.size) + ", they must be on the same grid");
+    throw InvalidInput(std::string(what) + " is " + size_text<Dim>(mask->grid.size) + "; its image is " +
+                       size_text<Dim>(image.grid.size) + ", they must be on the same grid");
   const double apart = largest_distance(mask->grid, image.grid);
   if (apart > kSamePlace * image.grid.spacing.minCoeff()) {
     std::ostringstream text;

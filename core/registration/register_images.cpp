@@ -74,13 +74,6 @@ class WorkMeter {
   double planned_ = 0, done_ = 0;
 };
 
-template <int Dim>
-std::string describe(const Index<Dim>& size) {
-  std::string text;
-  for (int extent : size) text += (text.empty() ? "" : "x") + std::to_string(extent);
-  return text;
-}
-
 }  // namespace
 
 template <int Dim>
@@ -102,7 +95,6 @@ RegistrationResult<Dim> register_images(const RegistrationInput<Dim>& input, con
   RegistrationSummary& summary = result.summary;
   const ImagePyramid<Dim> pyramid(input, options);
   summary.noise = pyramid.noise();
-  summary.similarity_weight = pyramid.similarity_weight();
   std::vector<PlacedScale<Dim, Scalar>> scales = make_scales<Dim, Scalar>(pyramid.fixed_lattice(), options, directions);
 
   summary.notices = blank_images(input);
@@ -196,10 +188,11 @@ RegistrationResult<Dim> register_images(const RegistrationInput<Dim>& input, con
     how.optimality_tolerance = options.optimisation.optimality_tolerance;
     LevelSummary level_summary;
     level_summary.level = now.level;
-    level_summary.grid = describe<Dim>(level_images.lattice.size);
+    level_summary.grid = size_text<Dim>(level_images.lattice.size);
     level_summary.spacing_mm =
         *std::min_element(level_images.lattice.spacing.begin(), level_images.lattice.spacing.end());
     level_summary.smoothing_voxels = pyramid.smoothing_voxels(level);
+    level_summary.similarity_weight = pyramid.similarity_weight(level);
     if (is_resumed) {
       level_summary = reached.level;
       how.optimality_reference = reached.optimality_reference;

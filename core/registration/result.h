@@ -38,9 +38,10 @@ struct LevelSummary {
   double spacing_mm = 0;  ///< smallest
   int iterations = 0;
   int evaluations = 0;
-  int rounds = 0;         ///< minimisations with different sparsity weights, each from where the last ended
-  double optimality = 0;  ///< optimality residual at the end, relative to the level's first
-  double smoothing_voxels = 0;
+  int rounds = 0;                ///< minimisations with different sparsity weights, each from where the last ended
+  double optimality = 0;         ///< optimality residual at the end, relative to the level's first
+  double smoothing_voxels = 0;   ///< sd of the Gaussian that both images were smoothed with
+  double similarity_weight = 1;  ///< what the similarity was multiplied with
   double energy_before = 0;
   double energy_after = 0;
   Termination termination = Termination::Converged;
@@ -55,7 +56,6 @@ struct RegistrationSummary {
   Termination termination = Termination::Converged;  ///< Stopped when the progress callback asked for it
   std::vector<std::string> notices;                  ///< sentences that a user should read before the result
   double noise = 0;              ///< sd of the images' noise as used, in units of the fixed image's range
-  double similarity_weight = 1;  ///< what the similarity was multiplied with
   double similarity_before = 0;  ///< similarity at full resolution, after the affine start only
   double similarity_after = 0;
   double seconds = 0;

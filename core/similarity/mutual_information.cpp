@@ -2,7 +2,7 @@
 #include <cmath>
 #include <stdexcept>
 
-#include "core/similarity/intensity_range.h"
+#include "core/grid/intensity_range.h"
 #include "core/similarity/similarity.h"
 
 namespace saltus {

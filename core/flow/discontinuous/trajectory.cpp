@@ -172,7 +172,15 @@ class Follower {
       return after_step();
     }
     length = grown;
-    if (!leaves && hits.size() == 1) cut = sharpened(hits.front().second, cut, h);
+    if (!leaves && hits.size() == 1) {
+      const std::optional<double> sharp = sharpened(hits.front().second, cut, h);
+      if (!sharp) {
+        // The continuous extension and whole steps disagree on the event: a shorter step brings them together.
+        length = 0.5 * h;
+        return length >= smallest || end_as(TrajectoryEnd::StepTooSmall);
+      }
+      cut = *sharp;
+    }
     if (cut > 0) {
       Step until_event = step_of(cut);
       if (leaves && !until_event.end().allFinite()) {
@@ -259,19 +267,21 @@ class Follower {
   }
 
   /// The continuous extension is of lower order than the step: the crossing is refined with whole steps up to it.
-  double sharpened(int k, double cut, double h) {
+  /// Nothing when Newton's method does not find it within the step.
+  std::optional<double> sharpened(int k, double cut, double h) {
     double best = cut;
-    for (int i = 0; i < 6 && best > 0; ++i) {
+    if (!(best > 0)) return best;
+    for (int i = 0; i < 6; ++i) {
       const Vector<Dim> x = step_of(best).end().template head<Dim>();
       const SurfaceJet<Dim> jet = velocity_.surface(k, found_.time + best, x);
-      if (!jet.exists) return cut;
+      if (!jet.exists) return {};
       if (std::abs(gap(jet)) <= 0.1 * options_.event_tolerance) return best;
       const double slope = jet.along(velocity_of_piece<Dim>(velocity_, found_.time + best, x, sides_, sliding_).value);
       const double next = best - jet.value / slope;
-      if (!(next > 0 && next <= 1.0001 * h)) return cut;
+      if (!(next > 0 && next <= 1.0001 * h)) return {};
       best = next;
     }
-    return best;
+    return {};
   }
 
   bool arrive(int k) {

@@ -59,6 +59,10 @@ Json describe(const LevelSummary& level) {
           {"spacing_mm", level.spacing_mm},
           {"iterations", level.iterations},
           {"evaluations", level.evaluations},
+          {"rounds", level.rounds},
+          {"smoothing_voxels", level.smoothing_voxels},
+          {"similarity_weight", level.similarity_weight},
+          {"optimality", level.optimality},
           {"energy_before", level.energy_before},
           {"energy_after", level.energy_after},
           {"termination", to_string(level.termination)},
@@ -68,13 +72,10 @@ Json describe(const LevelSummary& level) {
 }
 
 Json describe(const IterationRecord& record) {
-  return {{"level", record.level},
-          {"iteration", record.iteration},
-          {"energy", record.energy},
-          {"similarity", record.similarity},
-          {"regularisation", record.regularisation},
-          {"sparsity", record.sparsity},
-          {"step", record.step},
+  return {{"level", record.level},           {"round", record.round},
+          {"iteration", record.iteration},   {"energy", record.energy},
+          {"similarity", record.similarity}, {"regularisation", record.regularisation},
+          {"sparsity", record.sparsity},     {"step", record.step},
           {"optimality", record.optimality}};
 }
 
@@ -114,6 +115,7 @@ std::string report_json(const ReportInput<Dim>& input) {
 
   json["termination"] = to_string(summary.termination);
   json["notices"] = summary.notices;
+  json["noise"] = summary.noise;
   json["similarity_value"] = {{"before", summary.similarity_before}, {"after", summary.similarity_after}};
   if (const auto landmarks = measure_landmarks(input)) {
     json["landmark_error_mm"]["before"] = describe(summarise(landmarks->before));

@@ -7,16 +7,12 @@
 #include <cmath>
 #include <random>
 
+#include "tests/support/lattices.h"
+
 namespace saltus {
 namespace {
 
-template <int Dim>
-Lattice<Dim> lattice_of_size(const Index<Dim>& size) {
-  Lattice<Dim> lattice;
-  lattice.size = size;
-  lattice.spacing.fill(1);
-  return lattice;
-}
+using testing::unit_lattice;
 
 /// A smooth hill, an edge, a flat half, and noise.
 template <int Dim, class T>
@@ -40,8 +36,8 @@ double sd_of(const Lattice<Dim>& lattice, const std::vector<T>& samples) {
 }
 
 TEST(NoiseSd, MeasuresWhiteNoiseOnStructure) {
-  const Lattice<2> plane = lattice_of_size<2>({90, 80});
-  const Lattice<3> block = lattice_of_size<3>({40, 36, 12}), slices = lattice_of_size<3>({60, 50, 2});
+  const Lattice<2> plane = unit_lattice<2>({90, 80});
+  const Lattice<3> block = unit_lattice<3>({40, 36, 12}), slices = unit_lattice<3>({60, 50, 2});
   for (double noise : {0.5, 4.0}) {
     EXPECT_NEAR(sd_of<2>(plane, scene<2, float>(plane, noise, false)), noise, 0.05 * noise);
     EXPECT_NEAR(sd_of<2>(plane, scene<2, double>(plane, noise, true)), noise, 0.07 * noise);
@@ -51,15 +47,15 @@ TEST(NoiseSd, MeasuresWhiteNoiseOnStructure) {
 }
 
 TEST(NoiseSd, FindsNoneInWhatHasNone) {
-  const Lattice<2> plane = lattice_of_size<2>({60, 50});
+  const Lattice<2> plane = unit_lattice<2>({60, 50});
   EXPECT_LT(sd_of<2>(plane, scene<2, double>(plane, 0, false)), 0.01);  // of a range of 140
   EXPECT_EQ(sd_of<2>(plane, std::vector<float>(plane.sites(), 7.0f)), 0);
-  const Lattice<2> tiny = lattice_of_size<2>({2, 2});
+  const Lattice<2> tiny = unit_lattice<2>({2, 2});
   EXPECT_EQ(sd_of<2>(tiny, std::vector<float>{1, 5, 2, 9}), 0);
 }
 
 TEST(NoiseSd, DoesNotLookBehindMasks) {
-  const Lattice<2> plane = lattice_of_size<2>({90, 80});
+  const Lattice<2> plane = unit_lattice<2>({90, 80});
   std::vector<float> samples = scene<2, float>(plane, 0.5, false), weights(plane.sites(), 1.0f);
   const std::vector<float> loud = scene<2, float>(plane, 50, false);
   for (std::size_t i = 0; i < weights.size() * 3 / 4; ++i) {

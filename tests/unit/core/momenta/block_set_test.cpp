@@ -7,17 +7,12 @@
 #include <numeric>
 
 #include "core/support/errors.h"
+#include "tests/support/lattices.h"
 
 namespace saltus {
 namespace {
 
-template <int Dim>
-Lattice<Dim> lattice_of_size(const Index<Dim>& size) {
-  Lattice<Dim> lattice;
-  lattice.size = size;
-  lattice.spacing.fill(1);
-  return lattice;
-}
+using testing::unit_lattice;
 
 /// Number of the block of each site.
 template <int Dim>
@@ -48,7 +43,7 @@ std::vector<float> numbers(std::size_t count) {
 
 template <int Dim>
 void expect_round_trips(const Index<Dim>& size) {
-  const Lattice<Dim> lattice = lattice_of_size<Dim>(size);
+  const Lattice<Dim> lattice = unit_lattice<Dim>(size);
   const std::vector<std::uint32_t> block_of = block_of_sites(lattice);
   const std::size_t blocks = BlockSet<Dim>::none(lattice).blocks();
   ASSERT_EQ(blocks, *std::max_element(block_of.begin(), block_of.end()) + 1u);
@@ -89,7 +84,7 @@ TEST(BlockSet, CarriesFieldsToActiveBlocksAndBack) {
 }
 
 TEST(BlockSet, VisitsTheSitesOfABlock) {
-  const Lattice<3> lattice = lattice_of_size<3>({18, 9, 11});
+  const Lattice<3> lattice = unit_lattice<3>({18, 9, 11});
   const BlockSet<3> set = BlockSet<3>::none(lattice);
   const std::vector<std::uint32_t> block_of = block_of_sites(lattice);
   std::vector<int> visits(lattice.sites(), 0);
@@ -107,7 +102,7 @@ TEST(BlockSet, VisitsTheSitesOfABlock) {
 }
 
 TEST(BlockSet, MarksBlocksThatHoldSomething) {
-  const Lattice<2> lattice = lattice_of_size<2>({14, 11});  // 4 x 3 blocks
+  const Lattice<2> lattice = unit_lattice<2>({14, 11});  // 4 x 3 blocks
   const BlockSet<2> set(lattice, {1, 2, 3, 6, 11});
   std::vector<float> dense(2 * lattice.sites(), 0), compact(2 * set.sites());
   dense[2 * (3 * 14 + 11) + 1] = 1e-30f;  // the last site of block 2
@@ -121,7 +116,7 @@ TEST(BlockSet, MarksBlocksThatHoldSomething) {
 }
 
 TEST(BlockSet, RefusesNumbersThatAreNoSet) {
-  const Lattice<2> lattice = lattice_of_size<2>({8, 8});
+  const Lattice<2> lattice = unit_lattice<2>({8, 8});
   for (const std::vector<std::uint32_t>& wrong : {std::vector<std::uint32_t>{4}, {1, 1}, {2, 1}, {0, 4294967295u}})
     EXPECT_THROW(BlockSet<2>(lattice, wrong), InvalidInput);
 }

@@ -44,7 +44,7 @@ TEST(ImagePyramid, TrustsSsdTheMoreTheLessNoiseALevelHas) {
     EXPECT_NEAR(pyramid.level(level).divergence_weight, 0.5 * std::sqrt(share), 1e-12) << level;
   }
   EXPECT_EQ(pyramid.full_resolution().similarity_weight, pyramid.level(0).similarity_weight);
-  EXPECT_EQ(pyramid.similarity_weight(), pyramid.level(0).similarity_weight);
+  EXPECT_EQ(pyramid.similarity_weight(0), pyramid.level(0).similarity_weight);
 }
 
 TEST(ImagePyramid, TrustsCorrelationsWhateverTheNoise) {

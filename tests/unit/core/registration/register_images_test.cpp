@@ -6,12 +6,14 @@
 #include <cmath>
 
 #include "tests/support/analytic_scene.h"
+#include "tests/support/same_result.h"
 
 namespace saltus {
 namespace {
 
 using testing::AnalyticScene;
 using testing::centred_grid;
+using testing::expect_same_bits;
 using testing::for_voxels;
 using testing::sampled;
 using testing::vector_at;
@@ -40,21 +42,6 @@ RegistrationOptions quick(Model model, SimilarityType similarity, int iterations
   options.momenta.scales = 2;
   options.optimisation.max_iterations = iterations;
   return options;
-}
-
-template <int Dim>
-void expect_same_bits(const RegistrationResult<Dim>& a, const RegistrationResult<Dim>& b) {
-  EXPECT_EQ(a.displacement.samples, b.displacement.samples);
-  EXPECT_EQ(a.inverse_displacement.samples, b.inverse_displacement.samples);
-  EXPECT_EQ(a.warped.samples, b.warped.samples);
-  EXPECT_EQ(a.jacobian.samples, b.jacobian.samples);
-  ASSERT_EQ(a.momenta.size(), b.momenta.size());
-  for (std::size_t k = 0; k < a.momenta.size(); ++k)
-    EXPECT_EQ(a.momenta[k].vectors.samples, b.momenta[k].vectors.samples);
-  ASSERT_EQ(a.summary.history.size(), b.summary.history.size());
-  for (std::size_t k = 0; k < a.summary.history.size(); ++k)
-    EXPECT_EQ(a.summary.history[k].energy, b.summary.history[k].energy);
-  EXPECT_EQ(a.summary.similarity_after, b.summary.similarity_after);
 }
 
 // Oracle: the same bits, whatever the number of threads.

@@ -29,7 +29,13 @@ TEST(ReportJson, TellsSettingsGridsAndConvergence) {
   ASSERT_EQ(report["levels"].size(), 1u);
   EXPECT_EQ(report["levels"][0]["evaluations"], 3);
   EXPECT_EQ(report["levels"][0]["termination"], to_string(Termination::Converged));
+  EXPECT_EQ(report["levels"][0]["rounds"], 2);
+  EXPECT_EQ(report["levels"][0]["optimality"], 0.125);
+  EXPECT_EQ(report["levels"][0]["smoothing_voxels"], 0.75);
+  EXPECT_EQ(report["levels"][0]["similarity_weight"], 0.5);
+  EXPECT_EQ(report["noise"], 0.0625);
   ASSERT_EQ(report["history"].size(), 2u);
+  EXPECT_EQ(report["history"][1]["round"], 2);
   EXPECT_EQ(report["history"][1]["energy"], 4.0);
   EXPECT_EQ(report["similarity_value"], json({{"before", 9.0}, {"after", 2.5}}));
   EXPECT_EQ(report["seconds"], json({{"wall", 1.25}, {"cpu", 2.5}}));

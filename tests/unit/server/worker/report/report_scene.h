@@ -52,6 +52,10 @@ struct ReportScene {
                        .spacing_mm = 2,
                        .iterations = 2,
                        .evaluations = 3,
+                       .rounds = 2,
+                       .optimality = 0.125,
+                       .smoothing_voxels = 0.75,
+                       .similarity_weight = 0.5,
                        .energy_before = 9,
                        .energy_after = 4,
                        .termination = Termination::Converged,
@@ -59,8 +63,15 @@ struct ReportScene {
                        .cpu_seconds = 0.75}};
     summary.history = {
         {.level = 1, .iteration = 1, .energy = 6, .similarity = 5, .regularisation = 1, .optimality = 0.5},
-        {.level = 1, .iteration = 2, .energy = 4, .similarity = 2.5, .regularisation = 1.5, .optimality = 0.1}};
+        {.level = 1,
+         .round = 2,
+         .iteration = 2,
+         .energy = 4,
+         .similarity = 2.5,
+         .regularisation = 1.5,
+         .optimality = 0.1}};
     summary.termination = Termination::Converged;
+    summary.noise = 0.0625;
     summary.similarity_before = 9;
     summary.similarity_after = 2.5;
     summary.seconds = 1.25;

@@ -1,4 +1,4 @@
-#include "core/similarity/intensity_range.h"
+#include "core/grid/intensity_range.h"
 
 #include <algorithm>
 #include <vector>

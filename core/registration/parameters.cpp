@@ -1,0 +1,361 @@
+// The expert parameters: one table, and what reads it.
+#include "core/registration/names.h"
+#include "core/registration/options.h"
+
+#include <algorithm>
+#include <charconv>
+#include <cmath>
+#include <cstdlib>
+#include <functional>
+#include <iomanip>
+#include <limits>
+#include <sstream>
+
+namespace saltus {
+namespace {
+
+const Names<Evolution> kEvolutions = {
+    {Evolution::Exact, "exact"}, {Evolution::PerOrder, "per_order"}, {Evolution::Carried, "carried"}};
+
+/// As short as six digits where they say it all, and never another number when read back.
+std::string format(double value) {
+  std::string shown;
+  for (int digits = 6; digits <= std::numeric_limits<double>::max_digits10; ++digits) {
+    std::ostringstream text;
+    text << std::setprecision(digits) << value;
+    shown = text.str();
+    if (std::strtod(shown.c_str(), nullptr) == value) break;
+  }
+  return shown;
+}
+
+/// One row of the table of expert parameters; `check` returns "" or what is wrong.
+struct Parameter {
+  std::string name, unit, range, description;
+  std::function<std::string(const RegistrationOptions&)> get;
+  std::function<bool(RegistrationOptions&, std::string_view)> set;
+  std::function<bool(const RegistrationOptions&)> is_valid;
+};
+
+enum class Lower { Inclusive, Exclusive };
+
+template <class Access>
+Parameter real(std::string name, std::string unit, double low, Lower bound, double high, std::string description,
+               Access access) {
+  std::string range = (bound == Lower::Exclusive ? "> " : ">= ") + format(low);
+  if (std::isfinite(high)) range += ", <= " + format(high);
+  return {std::move(name),
+          std::move(unit),
+          range,
+          std::move(description),
+          [access](const RegistrationOptions& o) { return format(access(const_cast<RegistrationOptions&>(o))); },
+          [access](RegistrationOptions& o, std::string_view text) {
+            double value = 0;
+            const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
+            if (error != std::errc() || end != text.data() + text.size()) return false;
+            access(o) = value;
+            return true;
+          },
+          [=](const RegistrationOptions& o) {
+            const double value = access(const_cast<RegistrationOptions&>(o));
+            return std::isfinite(value) && (bound == Lower::Exclusive ? value > low : value >= low) && value <= high;
+          }};
+}
+
+template <class Access>
+Parameter integer(std::string name, std::string unit, int low, int high, std::string description, Access access) {
+  return {
+      std::move(name),
+      std::move(unit),
+      std::to_string(low) + " to " + std::to_string(high),
+      std::move(description),
+      [access](const RegistrationOptions& o) { return std::to_string(access(const_cast<RegistrationOptions&>(o))); },
+      [access](RegistrationOptions& o, std::string_view text) {
+        int value = 0;
+        const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
+        if (error != std::errc() || end != text.data() + text.size()) return false;
+        access(o) = value;
+        return true;
+      },
+      [=](const RegistrationOptions& o) {
+        const int value = access(const_cast<RegistrationOptions&>(o));
+        return value >= low && value <= high;
+      }};
+}
+
+template <class Access>
+Parameter boolean(std::string name, std::string description, Access access) {
+  return {std::move(name),
+          "",
+          "true|false",
+          std::move(description),
+          [access](const RegistrationOptions& o) {
+            return std::string(access(const_cast<RegistrationOptions&>(o)) ? "true" : "false");
+          },
+          [access](RegistrationOptions& o, std::string_view text) {
+            if (text != "true" && text != "false") return false;
+            access(o) = text == "true";
+            return true;
+          },
+          [](const RegistrationOptions&) { return true; }};
+}
+
+template <class Value, class Access>
+Parameter choice(std::string name, const Names<Value>& names, std::string description, Access access) {
+  std::string range;
+  for (const auto& [value, text] : names) range += (range.empty() ? "" : "|") + std::string(text);
+  return {std::move(name),
+          "",
+          range,
+          std::move(description),
+          [access, names](const RegistrationOptions& o) {
+            return name_of(names, access(const_cast<RegistrationOptions&>(o)));
+          },
+          [access, names](RegistrationOptions& o, std::string_view text) {
+            for (const auto& [value, candidate] : names) {
+              if (text != candidate) continue;
+              access(o) = value;
+              return true;
+            }
+            return false;
+          },
+          [](const RegistrationOptions&) { return true; }};
+}
+
+bool parse_number(std::string_view digits, double& value) {
+  const auto [end, error] = std::from_chars(digits.data(), digits.data() + digits.size(), value);
+  return error == std::errc() && end == digits.data() + digits.size();
+}
+
+/// "6:1,12:0.5", or "none" for an empty list.
+bool parse_widths(std::string_view text, std::vector<KernelWidth>& widths) {
+  widths.clear();
+  if (text == "none") return true;
+  for (;;) {
+    const std::string_view one = text.substr(0, text.find(','));
+    const std::size_t colon = one.find(':');
+    if (colon == std::string_view::npos) return false;
+    KernelWidth width;
+    if (!parse_number(one.substr(0, colon), width.voxels) || !parse_number(one.substr(colon + 1), width.weight))
+      return false;
+    widths.push_back(width);
+    if (one.size() == text.size()) return true;
+    text.remove_prefix(one.size() + 1);
+  }
+}
+
+std::string format(const std::vector<KernelWidth>& widths) {
+  std::string text;
+  for (const KernelWidth& width : widths)
+    text += (text.empty() ? "" : ",") + format(width.voxels) + ":" + format(width.weight);
+  return text.empty() ? "none" : text;
+}
+
+template <class Access>
+Parameter direction(std::string name, std::string description, Access access) {
+  return {std::move(name),
+          "",
+          "none or 2 or 3 numbers with commas between, a vector of length 1",
+          std::move(description),
+          [access](const RegistrationOptions& o) {
+            std::string text;
+            for (double component : access(const_cast<RegistrationOptions&>(o)))
+              text += (text.empty() ? "" : ",") + format(component);
+            return text.empty() ? "none" : text;
+          },
+          [access](RegistrationOptions& o, std::string_view text) {
+            std::vector<double>& vector = access(o);
+            vector.clear();
+            if (text == "none") return true;
+            for (;;) {
+              const std::string_view one = text.substr(0, text.find(','));
+              if (!parse_number(one, vector.emplace_back())) return false;
+              if (one.size() == text.size()) return true;
+              text.remove_prefix(one.size() + 1);
+            }
+          },
+          [access](const RegistrationOptions& o) {
+            const std::vector<double>& vector = access(const_cast<RegistrationOptions&>(o));
+            double square = 0;
+            for (double component : vector) square += component * component;
+            return vector.empty() ||
+                   ((vector.size() == 2 || vector.size() == 3) && std::abs(std::sqrt(square) - 1) <= 0.01);
+          }};
+}
+
+template <class Access>
+Parameter kernel_widths(std::string name, std::string unit, std::string description, Access access) {
+  return {std::move(name),
+          std::move(unit),
+          "none or up to 8 of WIDTH:WEIGHT with commas between, widths 1 to 64, weights > 0",
+          std::move(description),
+          [access](const RegistrationOptions& o) { return format(access(const_cast<RegistrationOptions&>(o))); },
+          [access](RegistrationOptions& o, std::string_view text) { return parse_widths(text, access(o)); },
+          [access](const RegistrationOptions& o) {
+            const std::vector<KernelWidth>& widths = access(const_cast<RegistrationOptions&>(o));
+            return widths.size() <= 8 && std::all_of(widths.begin(), widths.end(), [](const KernelWidth& width) {
+                     return width.voxels >= 1 && width.voxels <= 64 && width.weight > 0 && std::isfinite(width.weight);
+                   });
+          }};
+}
+
+const std::vector<Parameter>& parameters() {
+  using O = RegistrationOptions;
+  constexpr double inf = std::numeric_limits<double>::infinity();
+  static const std::vector<Parameter> table = {
+      integer(
+          "levels", "", 0, 8, "number of image pyramid levels; 0: by the size of the image",
+          [](O & o) -> auto& { return o.pyramid.levels; }),
+      integer(
+          "finest_level", "", -1, 4, "0: the optimisation ends at full resolution, 1: at half, ...; -1: by preset",
+          [](O & o) -> auto& { return o.pyramid.finest_level; }),
+      real(
+          "width_voxels", "voxels of the scale", 1, Lower::Inclusive, 64, "kernel width sigma of every scale",
+          [](O & o) -> auto& { return o.momenta.width_voxels; }),
+      kernel_widths(
+          "kernel_widths", "voxels of the scale",
+          "the kernel of every scale as a weighted sum of widths, in place of width_voxels; 6:1,12:0.5 is two thirds "
+          "of "
+          "width 6 and one of 12; each width costs as much as the first",
+          [](O & o) -> auto& { return o.momenta.kernel_widths; }),
+      integer(
+          "scales", "", 0, 8, "number of order-0 scales, each twice as wide as the next finer; 0: one a level",
+          [](O & o) -> auto& { return o.momenta.scales; }),
+      integer(
+          "finest_scale", "", -2, 7,
+          "voxel of the finest order-0 scale is 2^this reference voxels; -1: the finest level's, sliding: the next "
+          "coarser",
+          [](O & o) -> auto& { return o.momenta.finest_scale; }),
+      real(
+          "regularisation", "per mm^2", 0, Lower::Exclusive, inf, "weight of the order-0 part of the energy",
+          [](O & o) -> auto& { return o.momenta.regularisation; }),
+      integer(
+          "first_order_scales", "", 0, 8, "number of order-1 scales; 0 leaves order 1 out",
+          [](O & o) -> auto& { return o.momenta.first_order_scales; }),
+      integer(
+          "first_order_finest_scale", "", -1, 7, "as finest_scale, for order 1",
+          [](O & o) -> auto& { return o.momenta.first_order_finest_scale; }),
+      real(
+          "first_order_regularisation", "per mm^2", 0, Lower::Exclusive, inf,
+          "weight of the order-1 part of the energy",
+          [](O & o) -> auto& { return o.momenta.first_order_regularisation; }),
+      real(
+          "sparsity", "per mm", 0, Lower::Inclusive, inf,
+          "lambda of the group L1 norm on first-order momenta, as velocities",
+          [](O & o) -> auto& { return o.momenta.sparsity; }),
+      integer(
+          "sparsity_path", "", 1, 12, "weights that a level goes through, each half the one before, down to sparsity",
+          [](O & o) -> auto& { return o.momenta.sparsity_path; }),
+      integer(
+          "reweighted_rounds", "", 0, 10,
+          "times that a level is solved again with sparsity weights made from the momenta found",
+          [](O & o) -> auto& { return o.momenta.reweighted_rounds; }),
+      boolean(
+          "debias", "solve a level once more on the first-order momenta found, without their sparsity term",
+          [](O & o) -> auto& { return o.momenta.debias; }),
+      direction(
+          "direction",
+          "model directional only: unit normal, in world coordinates (LPS), of the interface that may slide, such as "
+          "1,0,0; none when a field of directions is given",
+          [](O & o) -> auto& { return o.momenta.direction; }),
+      boolean(
+          "shear_only", "leave out the component of m_i along axis i, so that a jump can only slide",
+          [](O & o) -> auto& { return o.momenta.shear_only; }),
+      choice(
+          "evolution", kEvolutions,
+          "how momenta evolve: the geodesic of the metric, order by order, or without turning",
+          [](O & o) -> auto& { return o.flow.evolution; }),
+      integer(
+          "time_steps", "", 1, 64, "steps of the flow over [0,1]", [](O & o) -> auto& { return o.flow.time_steps; }),
+      real(
+          "divergence_weight", "", 0, Lower::Inclusive, inf,
+          "weight of the divergence of the velocity, which leaves sliding free and holds back opening and overlap",
+          [](O & o) -> auto& { return o.flow.divergence_weight; }),
+      real(
+          "similarity_weight", "", 0, Lower::Exclusive, inf, "multiplies the similarity",
+          [](O & o) -> auto& { return o.similarity_parameters.weight; }),
+      real(
+          "noise", "intensity range", -1, Lower::Inclusive, 1,
+          "standard deviation of the images' noise; -1: estimated from the images",
+          [](O & o) -> auto& { return o.similarity_parameters.noise; }),
+      real(
+          "ssd_residual", "intensity range", 0, Lower::Exclusive, inf,
+          "standard deviation of what ssd leaves beside the noise: its weight is 1 / (1 + (noise / this)^2)",
+          [](O & o) -> auto& { return o.similarity_parameters.ssd_residual; }),
+      real(
+          "smoothing_voxels", "voxels of the level", -1, Lower::Inclusive, 8,
+          "standard deviation of the Gaussian that both images are smoothed with on every level; -1: from the noise",
+          [](O & o) -> auto& { return o.similarity_parameters.smoothing_voxels; }),
+      real(
+          "ncc_floor", "intensity range", 0, Lower::Exclusive, 1, "standard deviation below which an image is flat",
+          [](O & o) -> auto& { return o.similarity_parameters.ncc_floor; }),
+      real(
+          "lncc_radius_voxels", "voxels of the level", 0, Lower::Exclusive, 64, "half width of the window of lncc",
+          [](O & o) -> auto& { return o.similarity_parameters.lncc_radius_voxels; }),
+      real(
+          "lncc_floor", "intensity range", 0, Lower::Exclusive, 1, "standard deviation below which a window is flat",
+          [](O & o) -> auto& { return o.similarity_parameters.lncc_floor; }),
+      integer(
+          "mi_bins", "", 8, 256, "bins for each image in the joint histogram of mi",
+          [](O & o) -> auto& { return o.similarity_parameters.mi_bins; }),
+      real(
+          "ngf_edge", "intensity range per mm", 0, Lower::Inclusive, inf,
+          "gradient below which ngf sees no edge; 0: from the noise of each image",
+          [](O & o) -> auto& { return o.similarity_parameters.ngf_edge; }),
+      real(
+          "mind_radius_voxels", "voxels of the level", 0, Lower::Inclusive, 64, "half width of the patches of mind",
+          [](O & o) -> auto& { return o.similarity_parameters.mind_radius_voxels; }),
+      real(
+          "mind_step_voxels", "voxels of the level", 0, Lower::Exclusive, 64,
+          "distance of the neighbours whose patches mind compares",
+          [](O & o) -> auto& { return o.similarity_parameters.mind_step_voxels; }),
+      integer(
+          "max_iterations", "", 0, 10000, "iterations on each level",
+          [](O & o) -> auto& { return o.optimisation.max_iterations; }),
+      real(
+          "tolerance", "", 0, Lower::Inclusive, 1,
+          "a level ends when five iterations give less than this share of its decrease",
+          [](O & o) -> auto& { return o.optimisation.tolerance; }),
+      real(
+          "optimality_tolerance", "", 0, Lower::Inclusive, 1,
+          "a level ends when the optimality residual falls to this share of its first value",
+          [](O & o) -> auto& { return o.optimisation.optimality_tolerance; }),
+      integer(
+          "history", "", 1, 50, "pairs that L-BFGS keeps", [](O & o) -> auto& { return o.optimisation.history; }),
+  };
+  return table;
+}
+
+}  // namespace
+
+std::vector<ParameterInfo> list_parameters(const RegistrationOptions& options) {
+  std::vector<ParameterInfo> list;
+  for (const Parameter& p : parameters()) list.push_back({p.name, p.get(options), p.unit, p.range, p.description});
+  return list;
+}
+
+void set_parameter(RegistrationOptions& options, std::string_view name, std::string_view value) {
+  for (const Parameter& p : parameters()) {
+    if (p.name != name) continue;
+    RegistrationOptions changed = options;
+    if (!p.set(changed, value) || !p.is_valid(changed))
+      throw InvalidInput("parameter " + p.name + " is '" + std::string(value) + "'; it must be " + p.range);
+    options = changed;
+    return;
+  }
+  throw InvalidInput("there is no parameter '" + std::string(name) + "'; `saltus register --set help` lists them");
+}
+
+std::vector<std::string> problems(const RegistrationOptions& options) {
+  std::vector<std::string> found;
+  for (const Parameter& p : parameters())
+    if (!p.is_valid(options))
+      found.push_back("parameter " + p.name + " is " + p.get(options) + "; it must be " + p.range);
+  if (options.pyramid.levels > 0 && options.pyramid.finest_level >= options.pyramid.levels)
+    found.push_back("parameter finest_level is " + std::to_string(options.pyramid.finest_level) +
+                    "; it must be less than levels, which is " + std::to_string(options.pyramid.levels));
+  if (options.threads < 0) found.push_back("threads is " + std::to_string(options.threads) + "; it must be 0 or more");
+  return found;
+}
+
+}  // namespace saltus
