@@ -81,6 +81,10 @@ struct JobProgress {
   double similarity = 0;
   double fraction = 0;
   double seconds_left = -1;  ///< -1 while unknown
+  int checkpoints = 0;       ///< that this attempt has put in safety
+  bool is_resumed = false;   ///< from a checkpoint of an earlier attempt
+  std::int64_t memory_bytes = 0;
+  double cpu_seconds = 0;  ///< of all threads together, in this attempt
   bool operator==(const JobProgress&) const = default;
 };
 

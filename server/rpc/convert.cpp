@@ -117,6 +117,10 @@ v1::JobProgress to_message(const JobProgress& progress) {
   message.set_similarity(progress.similarity);
   message.set_fraction(progress.fraction);
   message.set_seconds_left(progress.seconds_left);
+  message.set_checkpoints(progress.checkpoints);
+  message.set_is_resumed(progress.is_resumed);
+  message.set_memory_bytes(progress.memory_bytes);
+  message.set_cpu_seconds(progress.cpu_seconds);
   return message;
 }
 
@@ -131,6 +135,10 @@ JobProgress from_message(const v1::JobProgress& message) {
   progress.similarity = message.similarity();
   progress.fraction = message.fraction();
   progress.seconds_left = message.seconds_left();
+  progress.checkpoints = message.checkpoints();
+  progress.is_resumed = message.is_resumed();
+  progress.memory_bytes = message.memory_bytes();
+  progress.cpu_seconds = message.cpu_seconds();
   return progress;
 }
 
