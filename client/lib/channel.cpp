@@ -60,13 +60,15 @@ void call(const CallSettings& settings, CallKind kind,
     }
     if (status.ok()) return;
     const ClientError error = error_of(status, context, settings.address);
-    if (status.error_code() != grpc::StatusCode::UNAVAILABLE) throw error;
+    const bool is_at_a_limit = status.error_code() == grpc::StatusCode::RESOURCE_EXHAUSTED && error.retry_after();
+    if (status.error_code() != grpc::StatusCode::UNAVAILABLE && !is_at_a_limit) throw error;
     if (moved || !give_up_at) {
       give_up_at = Clock::now() + settings.retry.patience;
       delay = settings.retry.first_delay;
     }
-    if (Clock::now() + delay > *give_up_at) throw error;
-    if (!wait_for(settings.stop, shortened_at_random(delay)))
+    const auto least = error.retry_after().value_or(std::chrono::milliseconds(0));
+    if (Clock::now() + std::max(delay, least) > *give_up_at) throw error;
+    if (!wait_for(settings.stop, std::max(shortened_at_random(delay), least)))
       throw ClientError(grpc::StatusCode::CANCELLED, "STOPPED", "stopped while waiting for " + settings.address);
     delay = std::min(2 * delay, settings.retry.longest_delay);
   }

@@ -10,8 +10,9 @@
 
 namespace saltus::client {
 
-/// How long calls that find the daemon unavailable are repeated before they fail. Delays double from `first_delay` to
-/// `longest_delay`, each shortened at random by up to a half so that many clients do not come back at once.
+/// How long calls that find the daemon unavailable, or at a limit that time lifts, are repeated before they fail.
+/// Delays double from `first_delay` to `longest_delay`, each shortened at random by up to a half so that many clients
+/// do not come back at once.
 struct RetryPolicy {
   std::chrono::milliseconds first_delay{100};
   std::chrono::milliseconds longest_delay{2000};
@@ -33,7 +34,8 @@ std::shared_ptr<grpc::Channel> make_channel(const std::string& address);
 /// What a call may last: a unary call has CallSettings::unary_deadline, a stream lasts as long as it moves.
 enum class CallKind { Unary, Stream };
 
-/// Runs `attempt` until it does not answer UNAVAILABLE, or patience is over, or stop is requested.
+/// Runs `attempt` until it answers neither UNAVAILABLE nor RESOURCE_EXHAUSTED with a time to wait, or patience is over,
+/// or stop is requested. A time to wait that the daemon gave is kept, unless it goes beyond the patience.
 /// `attempt` may set `moved` when the stream got further than before: patience then begins anew.
 /// Throws ClientError when the last answer is not OK.
 void call(const CallSettings& settings, CallKind kind,

@@ -2,13 +2,30 @@
 
 #include <grpcpp/client_context.h>
 
+#include <charconv>
+
 namespace saltus::client {
+namespace {
+
+std::string trailer(const grpc::ClientContext& context, const char* key) {
+  const auto& trailers = context.GetServerTrailingMetadata();
+  const auto found = trailers.find(key);
+  return found == trailers.end() ? "" : std::string(found->second.data(), found->second.size());
+}
+
+/// Nothing for a text that is no number: what another program says must not become a time to wait.
+ClientError::RetryAfter milliseconds(const std::string& text) {
+  std::int64_t count = 0;
+  const auto parsed = std::from_chars(text.data(), text.data() + text.size(), count);
+  if (parsed.ec != std::errc() || parsed.ptr != text.data() + text.size() || count < 0) return std::nullopt;
+  return std::chrono::milliseconds(count);
+}
+
+}  // namespace
 
 ClientError error_of(const grpc::Status& status, const grpc::ClientContext& context, const std::string& address) {
-  std::string reason;
-  const auto& trailers = context.GetServerTrailingMetadata();
-  if (const auto found = trailers.find("saltus-reason"); found != trailers.end())
-    reason.assign(found->second.data(), found->second.size());
+  const std::string reason = trailer(context, "saltus-reason");
+  const auto retry_after = milliseconds(trailer(context, "saltus-retry-after-ms"));
 
   // Without a reason an UNAVAILABLE was made by the transport on this side; its text speaks of sockets, not of us.
   if (status.error_code() == grpc::StatusCode::UNAVAILABLE && reason.empty())
@@ -16,7 +33,7 @@ ClientError error_of(const grpc::Status& status, const grpc::ClientContext& cont
             "no saltusd answers at " + address + " (" + status.error_message() + "); is it running?"};
   if (status.error_code() == grpc::StatusCode::DEADLINE_EXCEEDED)
     return {status.error_code(), reason, "saltusd at " + address + " did not answer in time"};
-  return {status.error_code(), reason, status.error_message()};
+  return {status.error_code(), reason, status.error_message(), retry_after};
 }
 
 }  // namespace saltus::client

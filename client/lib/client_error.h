@@ -2,6 +2,8 @@
 
 #include <grpcpp/support/status.h>
 
+#include <chrono>
+#include <optional>
 #include <stdexcept>
 #include <string>
 
@@ -15,18 +17,24 @@ namespace saltus::client {
 ///
 /// `code` says how to act: UNAVAILABLE (not reachable, retries are over), CANCELLED (the caller's stop token),
 /// everything else as the comments of proto/saltus/v1 list them. `reason` is the daemon's UPPER_SNAKE word for
-/// programs, "" when it gave none. what() is one sentence for people.
+/// programs, "" when it gave none. `retry_after` is the daemon's estimate of when the same call may work; nothing when
+/// waiting does not help. what() is one sentence for people.
 class ClientError : public std::runtime_error {
  public:
-  ClientError(grpc::StatusCode code, std::string reason, const std::string& message)
-      : std::runtime_error(message), code_(code), reason_(std::move(reason)) {}
+  using RetryAfter = std::optional<std::chrono::milliseconds>;
+
+  ClientError(grpc::StatusCode code, std::string reason, const std::string& message,
+              RetryAfter retry_after = std::nullopt)
+      : std::runtime_error(message), code_(code), reason_(std::move(reason)), retry_after_(retry_after) {}
 
   grpc::StatusCode code() const { return code_; }
   const std::string& reason() const { return reason_; }
+  RetryAfter retry_after() const { return retry_after_; }
 
  private:
   grpc::StatusCode code_;
   std::string reason_;
+  RetryAfter retry_after_;
 };
 
 /// A file on this side could not be read or written. The message names the file and the reason.

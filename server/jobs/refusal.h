@@ -1,5 +1,7 @@
 #pragma once
 
+#include <chrono>
+#include <optional>
 #include <stdexcept>
 #include <string>
 
@@ -18,18 +20,22 @@ enum class RefusalKind {
 };
 
 /// A call that cannot be granted. `reason` is UPPER_SNAKE for programs; what() is one sentence for people that says
-/// what to do about it.
+/// what to do about it; `retry_after` says when the same call may work, where it may.
 class Refusal : public std::runtime_error {
  public:
-  Refusal(RefusalKind kind, std::string reason, const std::string& message)
-      : std::runtime_error(message), kind_(kind), reason_(std::move(reason)) {}
+  using RetryAfter = std::optional<std::chrono::milliseconds>;
+
+  Refusal(RefusalKind kind, std::string reason, const std::string& message, RetryAfter retry_after = std::nullopt)
+      : std::runtime_error(message), kind_(kind), reason_(std::move(reason)), retry_after_(retry_after) {}
 
   RefusalKind kind() const { return kind_; }
   const std::string& reason() const { return reason_; }
+  RetryAfter retry_after() const { return retry_after_; }
 
  private:
   RefusalKind kind_;
   std::string reason_;
+  RetryAfter retry_after_;
 };
 
 }  // namespace saltus::server

@@ -54,6 +54,7 @@ grpc::Status status_of(std::exception_ptr error, grpc::CallbackServerContext& co
     std::rethrow_exception(error);
   } catch (const Refusal& refusal) {
     context.AddTrailingMetadata(kReasonKey, refusal.reason());
+    if (refusal.retry_after()) context.AddTrailingMetadata(kRetryKey, std::to_string(refusal.retry_after()->count()));
     return {code_of(refusal.kind()), refusal.what()};
   } catch (const InvalidInput& invalid) {
     context.AddTrailingMetadata(kReasonKey, "INVALID_FIELD");

@@ -3,10 +3,14 @@
 #include "server/jobs/refusal.h"
 
 #include <atomic>
+#include <chrono>
 #include <memory>
 #include <string>
 
 namespace saltus::server {
+
+/// A stream ends sooner or later; nobody knows when.
+constexpr std::chrono::milliseconds kStreamRetry{1000};
 
 /// Admits so many streams of a kind at a time. HTTP/2's own limit does not refuse: it lets the client wait in silence.
 class StreamGate {
@@ -21,7 +25,8 @@ class StreamGate {
     if (++open_ > limit_) {
       --open_;
       throw Refusal(RefusalKind::Exhausted, "TOO_MANY_STREAMS",
-                    "the daemon already has " + std::to_string(limit_) + " " + kind_ + " streams; try again later");
+                    "the daemon already has " + std::to_string(limit_) + " " + kind_ + " streams; try again later",
+                    kStreamRetry);
     }
     return Pass(this, [this](void*) { --open_; });
   }

@@ -22,10 +22,18 @@ class FakeBlobs : public v1::BlobService::Service {
   int cut_writes_after = -1;  ///< the same for writes
   bool spoil_data = false;
   int writes = 0;
+  int refusals = 0;         ///< questions that are answered RESOURCE_EXHAUSTED first
+  std::string retry_after;  ///< in milliseconds, what these say about waiting; "" nothing
   std::size_t longest_message = 0;
 
-  grpc::Status FindMissingBlobs(grpc::ServerContext*, const v1::FindMissingBlobsRequest* request,
+  grpc::Status FindMissingBlobs(grpc::ServerContext* context, const v1::FindMissingBlobsRequest* request,
                                 v1::FindMissingBlobsResponse* response) override {
+    if (refusals > 0) {
+      --refusals;
+      context->AddTrailingMetadata("saltus-reason", "TOO_MANY");
+      if (!retry_after.empty()) context->AddTrailingMetadata("saltus-retry-after-ms", retry_after);
+      return {grpc::StatusCode::RESOURCE_EXHAUSTED, "too many"};
+    }
     for (const std::string& digest : request->digests())
       if (!blobs.count(digest)) response->add_missing(digest);
     return grpc::Status::OK;
@@ -125,6 +133,28 @@ TEST_F(BlobTransferTest, BeginsACutUploadAgain) {
   const FileDigest sent = transfer.upload(folder.write("image", data));
   EXPECT_EQ(service.writes, 2);
   EXPECT_TRUE(service.blobs.at(sent.digest) == data);
+}
+
+TEST_F(BlobTransferTest, TriesAgainAtALimitThatTimeLifts) {
+  service.refusals = 2;
+  service.retry_after = "1";
+  transfer.upload(folder.write("image", "abc"));
+  EXPECT_EQ(service.writes, 1);
+}
+
+TEST_F(BlobTransferTest, DoesNotTryAgainAtALimitThatTimeDoesNotLift) {
+  for (const std::string wait : {"", "soon", "-1", "3600000"}) {
+    service.refusals = 1;
+    service.retry_after = wait;
+    try {
+      transfer.upload(folder.write("image", "abc"));
+      FAIL() << "no error with " << wait;
+    } catch (const ClientError& error) {
+      EXPECT_EQ(error.code(), grpc::StatusCode::RESOURCE_EXHAUSTED);
+      EXPECT_EQ(error.reason(), "TOO_MANY");
+    }
+  }
+  EXPECT_EQ(service.writes, 0);
 }
 
 TEST_F(BlobTransferTest, GoesOnWithACutDownloadWhereItStopped) {
