@@ -15,6 +15,8 @@ constexpr auto kCallGrace = std::chrono::milliseconds(500);
 
 Daemon::Daemon(const DaemonSettings& settings, std::function<void(const std::string&)> on_broken, DaemonParts parts)
     : directory_(settings.data), bytes_(directory_.blobs(), directory_.uploads()) {
+  if (!settings.protected_listen.empty()) require_usable(settings.tls);
+  if (!settings.roles.empty()) roles_ = std::make_shared<RolesFile>(settings.roles, settings.log);
   auto store = std::make_unique<SqliteJobStore>(directory_.database(), std::move(on_broken));
   const auto known = store->blobs();
   const std::set<std::string> known_digests(known.begin(), known.end());
@@ -38,10 +40,17 @@ Daemon::Daemon(const DaemonSettings& settings, std::function<void(const std::str
   ListenAddress listen = settings.listen;
   const bool is_socket = listen.kind == ListenAddress::Kind::UnixSocket;
   if (is_socket) require_nobody_listens(listen.path);
-  rpc_ = std::make_unique<RpcServer>(listen.to_text(), *jobs_, *blobs_, ids_, settings.version);
+  RpcSettings rpc{listen.to_text(), {}, settings.tls, roles_, settings.version};
+  for (const ListenAddress& address : settings.protected_listen) rpc.protected_addresses.push_back(address.to_text());
+  rpc_ = std::make_unique<RpcServer>(rpc, *jobs_, *blobs_, ids_);
   if (is_socket) restrict_socket(listen.path);
   if (!is_socket) listen.port = rpc_->port();
   address_ = listen.to_text();
+  for (std::size_t i = 0; i < settings.protected_listen.size(); ++i) {
+    ListenAddress address = settings.protected_listen[i];
+    address.port = rpc_->protected_ports()[i];
+    protected_addresses_.push_back(address.to_text());
+  }
   if (local) local->set_server_address(address_);
   thread_ = std::thread([this] { run(); });
 }
@@ -71,6 +80,7 @@ void Daemon::run() {
     has_work_ = false;
     lock.unlock();
     jobs_->tick();
+    if (roles_) roles_->reload_if_changed();
     const bool is_drained = jobs_->is_drained();
     lock.lock();
     if (is_drained && !is_drained_) {

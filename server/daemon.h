@@ -18,12 +18,16 @@
 #include <mutex>
 #include <string>
 #include <thread>
+#include <vector>
 
 namespace saltus::server {
 
 struct DaemonSettings {
   std::filesystem::path data;
-  ListenAddress listen;
+  ListenAddress listen;  ///< on this machine; workers use it
+  std::vector<ListenAddress> protected_listen;
+  TlsFiles tls;                  ///< for protected_listen
+  std::filesystem::path roles;   ///< "": nobody but local callers has a right
   std::filesystem::path worker;  ///< the worker's program
   ManagerSettings jobs;
   std::string version;
@@ -47,8 +51,10 @@ class Daemon {
   Daemon(const Daemon&) = delete;
   Daemon& operator=(const Daemon&) = delete;
 
-  /// What clients use as an address; with the port that was chosen.
+  /// What clients on this machine use as an address; with the port that was chosen.
   const std::string& address() const { return address_; }
+  /// The addresses with mutual TLS; with the ports that were chosen.
+  const std::vector<std::string>& protected_addresses() const { return protected_addresses_; }
   /// Refuses new jobs, ends the workers (their jobs are queued again) and all calls. Blocks.
   void stop();
 
@@ -57,6 +63,8 @@ class Daemon {
   void wake();
 
   std::string address_;
+  std::vector<std::string> protected_addresses_;
+  std::shared_ptr<RolesFile> roles_;
   DataDirectory directory_;
   SystemClock clock_;
   RandomIds ids_;

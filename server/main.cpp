@@ -60,6 +60,9 @@ DaemonSettings settings_of(const Config& config) {
   DaemonSettings settings;
   settings.data = config.data;
   settings.listen = config.listen;
+  settings.protected_listen = config.protected_listen;
+  settings.tls = config.tls;
+  settings.roles = config.roles;
   settings.worker = config.worker;
   settings.version = SALTUS_VERSION;
   settings.log = [](const std::string& line) { spdlog::info("{}", line); };
@@ -82,6 +85,8 @@ int serve(const Config& config, int signals) {
   });
   spdlog::info("saltusd {} serves {} with {} slots", SALTUS_VERSION, daemon.address(), config.slots);
   std::printf("listening on %s\n", daemon.address().c_str());
+  for (const std::string& address : daemon.protected_addresses())
+    std::printf("listening on %s with mutual TLS\n", address.c_str());
   std::fflush(stdout);
   wait_for_end(signals, broken, config.exit_on_stdin_close);
   daemon.stop();

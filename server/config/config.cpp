@@ -22,21 +22,58 @@ void require_program(const fs::path& program) {
     throw InvalidInput("--worker is " + program.string() + ", which is not a program; give the path of saltus-worker");
 }
 
+/// Divides what is served into one address for this machine, which workers use too, and those with mutual TLS.
+void read_addresses(Config& config, const std::vector<std::string>& listen) {
+  const std::pair<const char*, bool> needed[] = {{"--tls-cert", config.tls.certificate.empty()},
+                                                 {"--tls-key", config.tls.key.empty()},
+                                                 {"--tls-client-ca", config.tls.client_authority.empty()},
+                                                 {"--roles", config.roles.empty()}};
+  const auto is_missing = [](const auto& option) { return option.second; };
+  const bool has_tls = !std::all_of(std::begin(needed), std::end(needed), is_missing);
+  if (has_tls)
+    if (const auto* missing = std::find_if(std::begin(needed), std::end(needed), is_missing);
+        missing != std::end(needed))
+      throw InvalidInput(std::string(missing->first) +
+                         " is not given; mutual TLS needs --tls-cert, --tls-key, --tls-client-ca and --roles");
+  std::vector<ListenAddress> local;
+  for (const std::string& text : listen) {
+    const auto address = parse_listen_address(text, has_tls ? Transport::MutualTls : Transport::Plain);
+    (address.kind == ListenAddress::Kind::Protected ? config.protected_listen : local).push_back(address);
+  }
+  if (local.size() > 1)
+    throw InvalidInput("--listen is " + local[0].to_text() + " and " + local[1].to_text() +
+                       "; one address for this machine is enough, more need mutual TLS");
+  if (has_tls && config.protected_listen.empty())
+    throw InvalidInput("--tls-cert is given, but no port to protect; add --listen HOST:PORT");
+  config.listen =
+      local.empty() ? parse_listen_address("unix:" + (config.data / "saltusd.sock").string()) : local.front();
+}
+
 }  // namespace
 
 ParsedConfig parse_config(int argc, char** argv) {
   CLI::App app("The saltus daemon: accepts registration jobs, keeps them safely and hands them to workers.", "saltusd");
   ParsedConfig parsed;
   Config& config = parsed.config;
-  std::string data, listen, worker;
+  std::string data, worker, roles;
+  std::vector<std::string> listen;
   double lease_seconds = 30;
   config.log_level = "info";
   app.set_version_flag("--version", SALTUS_VERSION);
   app.add_option("--data", data, "Folder for jobs, images and results; made when missing")
       ->required()
       ->type_name("DIR");
-  app.add_option("--listen", listen, "unix:/path or 127.0.0.1:port; port 0 takes a free one [unix:DIR/saltusd.sock]")
-      ->type_name("ADDRESS");
+  app.add_option("--listen", listen,
+                 "unix:/path, 127.0.0.1:port, or with mutual TLS host:port; port 0 takes a free one; may be repeated "
+                 "[unix:DIR/saltusd.sock]")
+      ->type_name("ADDRESS")
+      ->take_all();
+  app.add_option("--tls-cert", config.tls.certificate, "Certificate of this daemon, PEM: turns mutual TLS on for ports")
+      ->type_name("FILE");
+  app.add_option("--tls-key", config.tls.key, "Private key of --tls-cert, PEM")->type_name("FILE");
+  app.add_option("--tls-client-ca", config.tls.client_authority, "Authorities that clients' certificates are of, PEM")
+      ->type_name("FILE");
+  app.add_option("--roles", roles, "Who may do what: lines of IDENTITY = ROLE, ROLE ...")->type_name("FILE");
   app.add_option("--slots", config.slots, "Workers at the same time [cores / threads per job]")
       ->check(CLI::Range(1, 1024));
   app.add_option("--threads-per-job", config.threads_per_job, "Threads of a job that does not say [cores]")
@@ -58,7 +95,8 @@ ParsedConfig parse_config(int argc, char** argv) {
     return parsed;
   }
   config.data = fs::absolute(data).lexically_normal();
-  config.listen = parse_listen_address(listen.empty() ? "unix:" + (config.data / "saltusd.sock").string() : listen);
+  config.roles = roles;
+  read_addresses(config, listen);
   const int cores = std::max(1, static_cast<int>(std::thread::hardware_concurrency()));
   if (config.threads_per_job == 0) config.threads_per_job = cores;
   if (config.slots == 0) config.slots = std::max(1, cores / config.threads_per_job);

@@ -1,17 +1,22 @@
 #pragma once
 
 #include "server/config/listen_address.h"
+#include "server/rpc/listener.h"
 
 #include <chrono>
 #include <filesystem>
 #include <string>
+#include <vector>
 
 namespace saltus::server {
 
 /// What the command line says.
 struct Config {
   std::filesystem::path data;
-  ListenAddress listen;
+  ListenAddress listen;  ///< on this machine; workers use it
+  std::vector<ListenAddress> protected_listen;
+  TlsFiles tls;  ///< set when protected_listen is not empty
+  std::filesystem::path roles;
   std::filesystem::path worker;
   int slots = 0;
   int threads_per_job = 0;

@@ -26,7 +26,7 @@ std::string ListenAddress::to_text() const {
   return kind == Kind::UnixSocket ? "unix:" + path : host + ":" + std::to_string(port);
 }
 
-ListenAddress parse_listen_address(const std::string& text) {
+ListenAddress parse_listen_address(const std::string& text, Transport transport) {
   if (text.starts_with("unix:")) {
     const std::string path = text.substr(5);
     if (path.empty() || path.front() != '/')
@@ -40,11 +40,14 @@ ListenAddress parse_listen_address(const std::string& text) {
   if (colon == std::string::npos || colon == 0)
     throw InvalidInput("--listen is " + text + "; it must be unix:/path or 127.0.0.1:port");
   const std::string host = text.substr(0, colon);
+  if (transport == Transport::MutualTls)
+    return {ListenAddress::Kind::Protected, "", host, parse_port(text, text.substr(colon + 1))};
   if (host != "127.0.0.1" && host != "localhost" && host != "[::1]")
     throw InvalidInput(
         "--listen is " + text +
-        "; only this machine (unix:/path or 127.0.0.1:port) is served, because without mutual TLS anyone "
-        "on the network could read the images; use an SSH tunnel to come from elsewhere");
+        "; only this machine (unix:/path or 127.0.0.1:port) is served, because without mutual TLS anyone on the "
+        "network "
+        "could read the images; give --tls-cert, --tls-key, --tls-client-ca and --roles, or use an SSH tunnel");
   return {ListenAddress::Kind::Loopback, "", host, parse_port(text, text.substr(colon + 1))};
 }
 

@@ -42,8 +42,9 @@ int page_size_of(const v1::ListRegistrationJobsRequest& request) {
 
 }  // namespace
 
-RegistrationServiceImpl::RegistrationServiceImpl(JobManager& jobs, const IdSource& ids, TaskPool& pool)
-    : jobs_(jobs), ids_(ids), pool_(pool), watchers_("watch", limits::kWatchStreams) {}
+RegistrationServiceImpl::RegistrationServiceImpl(JobManager& jobs, const IdSource& ids,
+                                                 const Authorisation& authorisation, TaskPool& pool)
+    : jobs_(jobs), ids_(ids), authorisation_(authorisation), pool_(pool), watchers_("watch", limits::kWatchStreams) {}
 
 grpc::ServerUnaryReactor* RegistrationServiceImpl::CreateRegistrationJob(
     grpc::CallbackServerContext* context, const v1::CreateRegistrationJobRequest* request,

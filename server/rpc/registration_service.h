@@ -2,6 +2,7 @@
 
 #include "server/jobs/id_source.h"
 #include "server/jobs/job_manager.h"
+#include "server/rpc/authorisation.h"
 #include "server/rpc/stream_gate.h"
 #include "server/rpc/task_pool.h"
 
@@ -12,7 +13,7 @@ namespace saltus::server {
 /// Translates between clients and the job manager. Never blocks a callback thread.
 class RegistrationServiceImpl final : public v1::RegistrationService::CallbackService {
  public:
-  RegistrationServiceImpl(JobManager& jobs, const IdSource& ids, TaskPool& pool);
+  RegistrationServiceImpl(JobManager& jobs, const IdSource& ids, const Authorisation& authorisation, TaskPool& pool);
 
   grpc::ServerUnaryReactor* CreateRegistrationJob(grpc::CallbackServerContext*, const v1::CreateRegistrationJobRequest*,
                                                   v1::RegistrationJob*) override;
@@ -30,6 +31,7 @@ class RegistrationServiceImpl final : public v1::RegistrationService::CallbackSe
  private:
   JobManager& jobs_;
   const IdSource& ids_;
+  const Authorisation& authorisation_;
   TaskPool& pool_;
   StreamGate watchers_;
 };

@@ -6,6 +6,7 @@
 #include <grpcpp/health_check_service_interface.h>
 #include <grpcpp/server_builder.h>
 
+#include <algorithm>
 #include <stdexcept>
 
 namespace saltus::server {
@@ -25,16 +26,22 @@ void enable_extensions() {
 
 }  // namespace
 
-RpcServer::RpcServer(const std::string& address, JobManager& jobs, BlobCatalog& blobs, const IdSource& ids,
-                     const std::string& version)
-    : pool_(kPoolThreads),
-      registration_(jobs, ids, pool_),
+RpcServer::RpcServer(const RpcSettings& settings, JobManager& jobs, BlobCatalog& blobs, const IdSource& ids)
+    : authorisation_(settings.roles),
+      pool_(kPoolThreads),
+      registration_(jobs, ids, authorisation_, pool_),
       blobs_(blobs, pool_),
-      info_(jobs, version),
+      info_(jobs, settings.version),
       worker_(jobs, pool_) {
   enable_extensions();
   grpc::ServerBuilder builder;
-  builder.AddListeningPort(address, grpc::InsecureServerCredentials(), &port_);
+  builder.AddListeningPort(settings.address, grpc::InsecureServerCredentials(), &port_);
+  protected_ports_.resize(settings.protected_addresses.size());
+  if (!protected_ports_.empty()) {
+    const auto credentials = tls_credentials(settings.tls, authorisation_);
+    for (std::size_t i = 0; i < protected_ports_.size(); ++i)
+      builder.AddListeningPort(settings.protected_addresses[i], credentials, &protected_ports_[i]);
+  }
   builder.SetMaxReceiveMessageSize(limits::kMessageBytes);
   builder.SetMaxSendMessageSize(limits::kMessageBytes);
   // Two daemons on one port would share its connections.
@@ -47,8 +54,12 @@ RpcServer::RpcServer(const std::string& address, JobManager& jobs, BlobCatalog& 
   builder.RegisterService(&info_);
   builder.RegisterService(&worker_);
   server_ = builder.BuildAndStart();
-  if (!server_)
-    throw std::runtime_error("cannot listen on " + address + "; see that the address is free and may be used");
+  std::string addresses = settings.address;
+  for (const std::string& address : settings.protected_addresses) addresses += ", " + address;
+  // gRPC starts when one of several ports can be had; a daemon that is silently deaf on one would be no service.
+  const bool is_deaf = std::find(protected_ports_.begin(), protected_ports_.end(), 0) != protected_ports_.end();
+  if (!server_ || is_deaf)
+    throw std::runtime_error("cannot listen on " + addresses + "; see that the address is free and may be used");
 }
 
 RpcServer::~RpcServer() { stop(std::chrono::milliseconds(0)); }

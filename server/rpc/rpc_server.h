@@ -3,7 +3,9 @@
 #include "server/jobs/blob_catalog.h"
 #include "server/jobs/id_source.h"
 #include "server/jobs/job_manager.h"
+#include "server/rpc/authorisation.h"
 #include "server/rpc/blob_service.h"
+#include "server/rpc/listener.h"
 #include "server/rpc/registration_service.h"
 #include "server/rpc/server_info_service.h"
 #include "server/rpc/task_pool.h"
@@ -14,32 +16,44 @@
 #include <chrono>
 #include <memory>
 #include <string>
+#include <vector>
 
 namespace saltus::server {
 
-/// All services, health and reflection on one listener.
+struct RpcSettings {
+  std::string address;  ///< as gRPC writes it; for callers on this machine, who may do everything
+  std::vector<std::string> protected_addresses;  ///< with mutual TLS
+  TlsFiles tls;                                  ///< for these
+  std::shared_ptr<const RolesFile> roles;        ///< of those who come over them; null: nobody has a right
+  std::string version;
+};
+
+/// All services, health and reflection on all listeners.
 class RpcServer {
  public:
-  /// Listens at once on an address as gRPC writes it. Throws std::runtime_error when it cannot.
-  RpcServer(const std::string& address, JobManager& jobs, BlobCatalog& blobs, const IdSource& ids,
-            const std::string& version);
+  /// Listens at once. Throws std::runtime_error when it cannot, InvalidInput when a TLS file cannot be used.
+  RpcServer(const RpcSettings& settings, JobManager& jobs, BlobCatalog& blobs, const IdSource& ids);
   /// Ends all calls.
   ~RpcServer();
 
   /// The port that was chosen; means nothing for a unix socket.
   int port() const { return port_; }
+  /// In the order of the addresses.
+  const std::vector<int>& protected_ports() const { return protected_ports_; }
   /// Health becomes NOT_SERVING; calls still work.
   void set_not_serving();
   /// Takes no new calls, gives those under way until `grace` is over, then cancels them.
   void stop(std::chrono::milliseconds grace);
 
  private:
+  const Authorisation authorisation_;
   TaskPool pool_;
   RegistrationServiceImpl registration_;
   BlobServiceImpl blobs_;
   ServerInfoServiceImpl info_;
   WorkerServiceImpl worker_;
   int port_ = 0;
+  std::vector<int> protected_ports_;
   std::unique_ptr<grpc::Server> server_;
 };
 

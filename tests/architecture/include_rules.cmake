@@ -86,7 +86,7 @@ forbid(core/registration INCLUDES "\"core/(phantom|evaluation|image_io)/")
 # The queue and its state machine are the standard library's alone.
 allow(server/jobs ONLY ${standard} "\"server/jobs/" "\"core/support/errors[.]h\"")
 forbid(server/store INCLUDES ${images} "<grpc" "\"server/(rpc|worker)/")
-allow(server/rpc ONLY ${standard} ${rpc} "<spdlog" "\"server/(rpc|jobs)/" "\"core/registration/options[.]h\""
+allow(server/rpc ONLY ${standard} ${rpc} "<spdlog" "<openssl/" "<sys/" "\"server/(rpc|jobs)/" "\"core/registration/options[.]h\""
       "\"core/support/errors[.]h\"")
 # A worker is a client of the daemon: it moves bytes by the client library, and that is all it takes from there.
 forbid(server/worker INCLUDES ${images} "<sqlite3" "\"server/(rpc|store)/" "\"client/cli/")

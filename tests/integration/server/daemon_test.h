@@ -12,6 +12,7 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <functional>
 #include <memory>
 #include <string>
 #include <vector>
@@ -29,6 +30,7 @@ class DaemonTest : public ::testing::Test {
     settings.listen = {server::ListenAddress::Kind::UnixSocket, folder / "socket", "", 0};
     settings.jobs = job_settings;
     settings.version = "1.2.3";
+    if (tune) tune(settings);
     if (!parts.launcher) parts.launcher = make_launcher();
     daemon = std::make_unique<server::Daemon>(
         settings, [](const std::string& reason) { ADD_FAILURE() << reason; }, std::move(parts));
@@ -162,6 +164,7 @@ class DaemonTest : public ::testing::Test {
   }
 
   TemporaryFolder folder;
+  std::function<void(server::DaemonSettings&)> tune;  ///< changes what the next start uses
   server::ManagerSettings job_settings;
   std::set<server::AttemptKey> adoptable;
   FakeLauncher* launcher = nullptr;

@@ -1,6 +1,7 @@
 // The program itself: its command line, its signals, and workers that are real processes.
 #include "server/store/database.h"
 #include "tests/integration/server/daemon_test.h"
+#include "tests/support/certificates.h"
 #include "tests/support/child_process.h"
 
 #include <gmock/gmock.h>
@@ -110,12 +111,58 @@ TEST_F(Process, RefusesWhatItCannotDoAndSaysWhy) {
     EXPECT_THAT(process.err(), HasSubstr(said));
   };
   expect_refused({"--listen", "0.0.0.0:7000"}, 2, "mutual TLS");
+  expect_refused({"--listen", "[::1]:0", "--listen", "127.0.0.1:0"}, 2, "one address for this machine is enough");
   expect_refused({"--worker", "/nowhere/saltus-worker"}, 2, "--worker is /nowhere/saltus-worker");
   expect_refused({"--slots", "0"}, 2, "--slots");
   expect_refused({"--lease-seconds", "0"}, 2, "--lease-seconds");
   auto first = serve({"--listen", "127.0.0.1:0"});
   expect_refused({}, 1, "another saltusd");
   expect_refused({"--data", folder / "other", "--listen", address}, 1, "cannot listen");
+}
+
+TEST_F(Process, RefusesMutualTlsThatWouldProtectNothing) {
+  const testing_support::Authority authority;
+  const auto certificate = authority.server();
+  const std::string cert = folder.write("server.pem", certificate.pem());
+  const std::string key = folder.write("server.key", certificate.key_pem());
+  const std::string other_key = folder.write("other.key", authority.server().key_pem());
+  const std::string ca = folder.write("ca.pem", authority.root.pem());
+  const std::string roles = folder.write("roles", "reader = reader\n");
+  const std::string bad_roles = folder.write("bad_roles", "reader = reader\nwriter = all\n");
+  const auto expect_refused = [&](std::vector<std::string> arguments, const std::string& said) {
+    auto process = run(std::move(arguments));
+    EXPECT_EQ(process.wait(), 2);
+    EXPECT_THAT(process.err(), HasSubstr(said));
+    EXPECT_EQ(std::count(process.err().begin(), process.err().end(), '\n'), 1) << process.err();
+  };
+  const auto tls = [&](const std::string& c, const std::string& k, const std::string& a, const std::string& r) {
+    return std::vector<std::string>{
+        "--listen", "127.0.0.1:0", "--tls-cert", c, "--tls-key", k, "--tls-client-ca", a, "--roles", r};
+  };
+  expect_refused({"--listen", "127.0.0.1:0", "--tls-cert", cert, "--tls-key", key, "--roles", roles},
+                 "--tls-client-ca is not given");
+  expect_refused({"--listen", "127.0.0.1:0", "--tls-cert", cert, "--tls-key", key, "--tls-client-ca", ca},
+                 "--roles is not given");
+  expect_refused({"--tls-cert", cert, "--tls-key", key, "--tls-client-ca", ca, "--roles", roles}, "no port to protect");
+  expect_refused(tls("/nowhere", key, ca, roles), "--tls-cert is /nowhere, which cannot be read");
+  expect_refused(tls(roles, key, ca, roles), "which holds no certificate");
+  expect_refused(tls(cert, other_key, ca, roles), "which is not the key of --tls-cert");
+  expect_refused(tls(cert, key, roles, roles), "--tls-client-ca is");
+  expect_refused(tls(cert, key, ca, bad_roles), "line 2: 'all' is no role");
+  expect_refused(tls(cert, key, ca, "/nowhere"), "--roles is /nowhere, which cannot be read");
+}
+
+TEST_F(Process, ServesLocalCallersBesideMutualTls) {
+  const testing_support::Authority authority;
+  const auto certificate = authority.server();
+  auto process = serve({"--listen", "127.0.0.1:0", "--tls-cert", folder.write("server.pem", certificate.pem()),
+                        "--tls-key", folder.write("server.key", certificate.key_pem()), "--tls-client-ca",
+                        folder.write("ca.pem", authority.root.pem()), "--roles", folder.write("roles", "")});
+  EXPECT_THAT(address, ::testing::MatchesRegex("unix:.*/data/saltusd[.]sock"));
+  process.wait_for_output("with mutual TLS");
+  grpc::ClientContext context;
+  v1::ServerInfo answer;
+  EXPECT_TRUE(info->GetServerInfo(&context, {}, &answer).ok());
 }
 
 TEST_F(Process, DoesNotTakeASocketFromAnotherDaemon) {

@@ -13,6 +13,16 @@ TEST(ListenAddress, ReadsWhatItWrites) {
     EXPECT_EQ(parse_listen_address(text).to_text(), text);
 }
 
+TEST(ListenAddress, WithMutualTlsEveryPortIsProtected) {
+  for (const char* text : {"0.0.0.0:7000", "[::]:7000", "registry.hospital.example:0", "127.0.0.1:7000"}) {
+    const auto address = parse_listen_address(text, Transport::MutualTls);
+    EXPECT_EQ(address.kind, ListenAddress::Kind::Protected);
+    EXPECT_EQ(address.to_text(), text);
+  }
+  EXPECT_EQ(parse_listen_address("unix:/run/socket", Transport::MutualTls).kind, ListenAddress::Kind::UnixSocket);
+  EXPECT_THROW(parse_listen_address("0.0.0.0:port", Transport::MutualTls), InvalidInput);
+}
+
 TEST(ListenAddress, RefusesEverythingElseAndSaysWhy) {
   const std::pair<std::string, std::string> cases[] = {{"0.0.0.0:7000", "mutual TLS"},
                                                        {"192.168.1.5:7000", "mutual TLS"},

@@ -1,0 +1,82 @@
+#include "server/rpc/authorisation.h"
+
+#include <grpc/grpc_security_constants.h>
+
+#include <vector>
+
+namespace saltus::server {
+namespace {
+
+std::vector<std::string> names_of(const grpc::AuthContext& context) {
+  const auto values = [&](const char* property) {
+    std::vector<std::string> names;
+    for (const grpc::string_ref& value : context.FindPropertyValues(property))
+      if (!value.empty()) names.emplace_back(value.data(), value.size());
+    return names;
+  };
+  auto names = values(GRPC_X509_SAN_PROPERTY_NAME);
+  return names.empty() ? values(GRPC_X509_CN_PROPERTY_NAME) : names;
+}
+
+grpc::Status denied(const Caller& caller, std::string_view method) {
+  std::string roles;
+  for (const Role role : caller.roles) roles += (roles.empty() ? "" : ", ") + to_string(role);
+  return {grpc::StatusCode::PERMISSION_DENIED,
+          "'" + caller.identity + "' (" + (roles.empty() ? "without a role" : roles) + ") may not call " +
+              std::string(method) + "; an administrator can change the daemon's roles file"};
+}
+
+class Gate final : public grpc::AuthMetadataProcessor {
+ public:
+  explicit Gate(Authorisation authorisation) : authorisation_(std::move(authorisation)) {}
+
+  bool IsBlocking() const override { return false; }
+
+  grpc::Status Process(const InputMetadata& metadata, grpc::AuthContext* context, OutputMetadata*,
+                       OutputMetadata*) override {
+    const auto path = metadata.find(":path");
+    const std::string_view method =
+        path == metadata.end() ? std::string_view() : std::string_view(path->second.data(), path->second.size());
+    if (!context || !context->IsPeerAuthenticated())
+      return {grpc::StatusCode::UNAUTHENTICATED, "the certificate names nobody; give it an alternative or common name"};
+    const Caller caller = authorisation_.remote_caller(*context);
+    if (caller.scope(method) == Scope::None) return denied(caller, method);
+    return grpc::Status::OK;
+  }
+
+ private:
+  const Authorisation authorisation_;
+};
+
+}  // namespace
+
+Scope Caller::scope(std::string_view method) const {
+  const MethodRule* rule = find_rule(method);
+  if (!rule) return Scope::None;
+  return is_local ? Scope::All : scope_of(*rule, roles);
+}
+
+Caller Authorisation::remote_caller(const grpc::AuthContext& context) const {
+  Caller caller{"", {}, false};
+  for (const std::string& name : names_of(context)) {
+    if (caller.identity.empty()) caller.identity = name;
+    const auto roles = roles_ ? roles_->roles_of(name) : std::nullopt;
+    if (!roles) continue;
+    caller.identity = name;
+    caller.roles = *roles;
+    break;
+  }
+  return caller;
+}
+
+Caller Authorisation::caller_of(const grpc::ServerContextBase& context) const {
+  const auto connection = context.auth_context();
+  if (!connection) return {};
+  for (const grpc::string_ref& type : connection->FindPropertyValues(GRPC_TRANSPORT_SECURITY_TYPE_PROPERTY_NAME))
+    if (type != "insecure") return remote_caller(*connection);
+  return {};
+}
+
+std::shared_ptr<grpc::AuthMetadataProcessor> Authorisation::gate() const { return std::make_shared<Gate>(*this); }
+
+}  // namespace saltus::server
