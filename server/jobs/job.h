@@ -32,22 +32,55 @@ struct Artifact {
   bool operator==(const Artifact&) const = default;
 };
 
+/// How soon a job is started, compared with others: 0 later, 1 as usual, 2 before others.
+constexpr int kLowestPriority = 0;
+constexpr int kDefaultPriority = 1;
+constexpr int kHighestPriority = 2;
+
+/// Who a job belongs to when its client is not told apart from others on this machine.
+constexpr const char* kLocalSubmitter = "local";
+
+/// What one attempt may use at most. 0: no limit.
+struct JobLimits {
+  std::int64_t wall_seconds = 0;  ///< from the start of the attempt: time in the queue does not count
+  std::int64_t cpu_seconds = 0;
+  std::int64_t memory_bytes = 0;
+  bool operator==(const JobLimits&) const = default;
+};
+
+/// From where the next attempt can go on: a blob that is opaque here, and how far it is, for people.
+struct Checkpoint {
+  std::string digest;  ///< sha256:<hex>
+  std::int64_t size = 0;
+  int attempt = 0;  ///< that made it
+  int level = 0;
+  int iteration = 0;
+  bool operator==(const Checkpoint&) const = default;
+};
+
 /// Everything that is kept about a job. The specification is opaque here.
 struct JobRecord {
   std::int64_t sequence = 0;  ///< order of creation, given by the store
   std::int64_t revision = 0;  ///< grows with every change
   std::string id;
-  std::string request_id;    ///< "" when the client gave none
+  std::string submitter = kLocalSubmitter;
+  std::string request_id;    ///< "" when the client gave none; unique for each submitter
   std::string request_hash;  ///< fingerprint of what was asked for
   std::string spec;
   std::vector<std::string> inputs;  ///< digests that the specification names
   std::map<std::string, std::string> labels;
   int threads = 0;  ///< 0: the daemon's default
+  int priority = kDefaultPriority;
+  std::int64_t memory_bytes = 0;  ///< what the job is expected to need; 0: the daemon's default
+  JobLimits limits;
 
   JobState state = JobState::Queued;
-  int attempt = 0;         ///< number of the current or last attempt, 0 before the first
-  int lost_attempts = 0;   ///< attempts that ended without an outcome and count against the limit
-  int crashes = 0;         ///< of those, how many died by a signal
+  int attempt = 0;        ///< number of the current or last attempt, 0 before the first; so many there were in all
+  int lost_attempts = 0;  ///< attempts that ended without an outcome and count against the limit
+  int crashes = 0;        ///< of those, how many died by a signal
+  std::optional<WallTime> not_before;   ///< Queued only: earliest start of the next attempt
+  std::optional<JobFailure> last_loss;  ///< why the last attempt that had no outcome ended
+  std::optional<Checkpoint> checkpoint;
   std::string token_hash;  ///< fingerprint of the attempt's token
   std::string process;     ///< the launcher's name for the attempt's process; "" while unknown
 
@@ -60,12 +93,16 @@ struct JobRecord {
 
 /// What a client asks for.
 struct NewJob {
+  std::string submitter = kLocalSubmitter;
   std::string request_id;
   std::string request_hash;
   std::string spec;
   std::vector<std::string> inputs;
   std::map<std::string, std::string> labels;
   int threads = 0;
+  int priority = kDefaultPriority;
+  std::int64_t memory_bytes = 0;  ///< 0: the daemon's default
+  JobLimits limits;
 };
 
 enum class JobStage { Unknown, Fetching, Validating, Optimising, Writing };

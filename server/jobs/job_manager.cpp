@@ -25,9 +25,27 @@ Refusal lease_lost(const AttemptKey& key) {
 
 }  // namespace
 
+namespace {
+
+/// After `decide` has changed the job: the row of a checkpoint that it has no more goes in the same transaction.
+template <class Decide>
+std::optional<JobRecord> with_checkpoint_dropped(JobTable& table, const std::string& id, Decide& decide,
+                                                 std::vector<std::string>& orphans) {
+  const auto before = table.find(id);
+  auto after = decide(table);
+  if (!before || !before->checkpoint || !after) return after;
+  const std::string& digest = before->checkpoint->digest;
+  const bool is_kept = after->checkpoint && after->checkpoint->digest == digest;
+  if (!is_kept && table.erase_blob_if_unreferenced(digest)) orphans.push_back(digest);
+  return after;
+}
+
+}  // namespace
+
 /// What one transaction has done.
 struct JobManager::Change {
   std::optional<JobRecord> job;
+  std::vector<std::string> orphans;  ///< digests of blobs that have lost their row
   int queued = 0;
 };
 
@@ -47,16 +65,19 @@ JobManager::JobManager(JobStore& store, BlobCatalog& blobs, Launcher& launcher, 
   launcher_.on_exit([this](const AttemptKey& key, const WorkerExit& exit) { worker_ended(key, exit); });
 }
 
-void JobManager::write_change(std::function<std::optional<JobRecord>(JobTable&)> decide,
+void JobManager::write_change(const std::string& id, std::function<std::optional<JobRecord>(JobTable&)> decide,
                               std::function<void(std::exception_ptr, const Change&)> done) {
   auto change = std::make_shared<Change>();
   store_.write(
-      [change, decide = std::move(decide)](JobTable& table) {
-        change->job = decide(table);
+      [change, id, decide = std::move(decide)](JobTable& table) {
+        change->job = with_checkpoint_dropped(table, id, decide, change->orphans);
         change->queued = table.count(JobState::Queued);
       },
       [this, change, done = std::move(done)](std::exception_ptr error) {
-        if (!error) committed(*change);
+        if (!error) {
+          committed(*change);
+          if (!change->orphans.empty()) blobs_.drop_bytes(change->orphans);
+        }
         done(error, *change);
       });
 }
@@ -94,10 +115,11 @@ void JobManager::recover() {
     const bool is_gone = !job.process.empty() && !launcher_.adopt(key, job.process);
     if (is_gone) {
       std::promise<void> is_durable;
-      write_change([&](JobTable& table) { return queue_.lose(table, key, LossCause::Vanished, ""); },
-                   [&](std::exception_ptr error, const Change&) {
-                     error ? is_durable.set_exception(error) : is_durable.set_value();
-                   });
+      write_change(
+          key.job_id, [&](JobTable& table) { return queue_.lose(table, key, LossCause::Vanished, ""); },
+          [&](std::exception_ptr error, const Change&) {
+            error ? is_durable.set_exception(error) : is_durable.set_value();
+          });
       is_durable.get_future().get();
       continue;
     }
@@ -111,6 +133,7 @@ void JobManager::submit(const NewJob& job, Reply<JobView> reply) {
   if (is_draining_) throw draining();
   auto position = std::make_shared<int>(0);
   write_change(
+      "",
       [this, job, position](JobTable& table) {
         JobRecord record = queue_.submit(table, job);
         if (record.state == JobState::Queued) *position = static_cast<int>(table.queued_up_to(record.sequence).size());
@@ -122,15 +145,17 @@ void JobManager::submit(const NewJob& job, Reply<JobView> reply) {
 }
 
 void JobManager::cancel(const std::string& id, Reply<JobView> reply) {
-  write_change([this, id](JobTable& table) { return queue_.cancel(table, id); },
-               [this, reply = std::move(reply)](std::exception_ptr error, const Change& change) {
-                 reply(error, error ? JobView{} : view(*change.job, 0));
-               });
+  write_change(
+      id, [this, id](JobTable& table) { return queue_.cancel(table, id); },
+      [this, reply = std::move(reply)](std::exception_ptr error, const Change& change) {
+        reply(error, error ? JobView{} : view(*change.job, 0));
+      });
 }
 
 void JobManager::remove(const std::string& id, Reply<std::string> reply) {
   auto orphans = std::make_shared<std::vector<std::string>>();
   write_change(
+      id,
       [this, id, orphans](JobTable& table) -> std::optional<JobRecord> {
         for (const std::string& digest : queue_.remove(table, id))
           if (table.erase_blob_if_unreferenced(digest)) orphans->push_back(digest);
@@ -189,7 +214,24 @@ LeaseGrant JobManager::acquire(const AttemptKey& key, const std::string& token) 
   }
   JobRecord job;
   store_.read([&](JobReader& reader) { job = require_job(reader, key.job_id); });
-  return {job.spec, threads_of(job), settings_.lease, settings_.heartbeat_interval};
+  return {job.spec, threads_of(job), settings_.lease, settings_.heartbeat_interval, job.limits, job.checkpoint};
+}
+
+void JobManager::put_checkpoint(const AttemptKey& key, const std::string& token, const Checkpoint& checkpoint,
+                                Reply<JobRecord> reply) {
+  // No state changes, so nobody is told.
+  auto kept = std::make_shared<Change>();
+  store_.write(
+      [this, key, token, checkpoint, kept](JobTable& table) {
+        const auto put = [&](JobTable& rows) -> std::optional<JobRecord> {
+          return queue_.put_checkpoint(rows, key, token, checkpoint);
+        };
+        kept->job = with_checkpoint_dropped(table, key.job_id, put, kept->orphans);
+      },
+      [this, kept, reply = std::move(reply)](std::exception_ptr error) {
+        if (!error && !kept->orphans.empty()) blobs_.drop_bytes(kept->orphans);
+        reply(error, error ? JobRecord{} : *kept->job);
+      });
 }
 
 LeaseTable::Wanted JobManager::heartbeat(const AttemptKey& key, const std::string& token, const JobProgress& progress) {
@@ -207,6 +249,7 @@ LeaseTable::Wanted JobManager::heartbeat(const AttemptKey& key, const std::strin
 void JobManager::complete(const AttemptKey& key, const std::string& token, const Outcome& outcome,
                           Reply<JobRecord> reply) {
   write_change(
+      key.job_id,
       [this, key, token, outcome](JobTable& table) {
         return queue_.complete(table, key, token, outcome, is_draining_ ? LossCause::Released : LossCause::Stopped);
       },
@@ -217,7 +260,7 @@ void JobManager::complete(const AttemptKey& key, const std::string& token, const
 
 void JobManager::lose(const AttemptKey& key, LossCause cause, const std::string& detail) {
   write_change(
-      [this, key, cause, detail](JobTable& table) { return queue_.lose(table, key, cause, detail); },
+      key.job_id, [this, key, cause, detail](JobTable& table) { return queue_.lose(table, key, cause, detail); },
       [this, key, cause, detail](std::exception_ptr error, const Change& change) {
         std::lock_guard lock(mutex_);
         if (error) {
@@ -331,7 +374,7 @@ void JobManager::dispatch() {
           if (change->job) {
             const AttemptKey key{change->job->id, change->job->attempt};
             leases_.grant(key, change->job->token_hash, clock_.steady());
-            launches_.push_back({key, *token, threads_of(*change->job)});
+            launches_.push_back({key, *token, threads_of(*change->job), change->job->limits});
           }
         }
         committed(*change);

@@ -40,6 +40,8 @@ struct LeaseGrant {
   int threads = 1;
   std::chrono::milliseconds lease{};
   std::chrono::milliseconds heartbeat_interval{};
+  JobLimits limits;
+  std::optional<Checkpoint> checkpoint;  ///< of an earlier attempt, to go on from
 };
 
 /// `error` is nothing when the call succeeded; else the second argument means nothing.
@@ -74,6 +76,10 @@ class JobManager {
   LeaseGrant acquire(const AttemptKey& key, const std::string& token);
   /// Never blocks.
   LeaseTable::Wanted heartbeat(const AttemptKey& key, const std::string& token, const JobProgress& progress);
+  /// See JobQueue::put_checkpoint. The bytes of the checkpoint before it are removed once this one is durable; the last
+  /// one goes when the job ends.
+  void put_checkpoint(const AttemptKey& key, const std::string& token, const Checkpoint& checkpoint,
+                      Reply<JobRecord> reply);
   void complete(const AttemptKey& key, const std::string& token, const Outcome& outcome, Reply<JobRecord> reply);
 
   void tick();
@@ -90,7 +96,8 @@ class JobManager {
 
  private:
   struct Change;
-  void write_change(std::function<std::optional<JobRecord>(JobTable&)> decide,
+  /// Changes one job, then tells everybody who has to know. A checkpoint that the job has no more is removed.
+  void write_change(const std::string& id, std::function<std::optional<JobRecord>(JobTable&)> decide,
                     std::function<void(std::exception_ptr, const Change&)> done);
   void committed(const Change& change);
   void lose(const AttemptKey& key, LossCause cause, const std::string& detail);

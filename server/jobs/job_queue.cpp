@@ -13,7 +13,9 @@ void apply(JobRecord& job, JobEvent event, WallTime now) {
   const auto next = next_state(job.state, event);
   if (!next) throw std::logic_error("job " + job.id + " cannot leave state " + to_string(job.state) + " that way");
   job.state = *next;
-  if (is_terminal(job.state)) job.ended = now;
+  if (!is_terminal(job.state)) return;
+  job.ended = now;
+  job.checkpoint.reset();
 }
 
 Refusal lease_lost(const AttemptKey& key) {
@@ -72,7 +74,7 @@ JobRecord require_job(JobReader& reader, const std::string& id) {
 
 JobRecord JobQueue::submit(JobTable& table, const NewJob& asked) const {
   if (!asked.request_id.empty()) {
-    if (auto earlier = table.find_request(asked.request_id)) {
+    if (auto earlier = table.find_request(asked.submitter, asked.request_id)) {
       if (earlier->request_hash == asked.request_hash) return *std::move(earlier);
       throw Refusal(RefusalKind::AlreadyExists, "REQUEST_ID_REUSED",
                     "request_id '" + asked.request_id + "' was used for another registration, job " + earlier->id +
@@ -91,12 +93,16 @@ JobRecord JobQueue::submit(JobTable& table, const NewJob& asked) const {
   JobRecord job;
   job.created = clock_.wall();
   job.id = ids_.new_job_id(job.created);
+  job.submitter = asked.submitter;
   job.request_id = asked.request_id;
   job.request_hash = asked.request_hash;
   job.spec = asked.spec;
   job.inputs = asked.inputs;
   job.labels = asked.labels;
   job.threads = asked.threads;
+  job.priority = asked.priority;
+  job.memory_bytes = asked.memory_bytes;
+  job.limits = asked.limits;
   table.insert(job);
   return job;
 }
@@ -124,11 +130,15 @@ JobRecord JobQueue::cancel(JobTable& table, const std::string& id) const {
   return job;
 }
 
-JobRecord JobQueue::complete(JobTable& table, const AttemptKey& key, const std::string& token, const Outcome& outcome,
-                             LossCause stop_cause) const {
+JobRecord JobQueue::require_attempt(JobTable& table, const AttemptKey& key, const std::string& token) const {
   auto found = table.find(key.job_id);
   if (!found || found->attempt != key.attempt || found->token_hash != ids_.fingerprint(token)) throw lease_lost(key);
-  JobRecord job = *std::move(found);
+  return *std::move(found);
+}
+
+JobRecord JobQueue::complete(JobTable& table, const AttemptKey& key, const std::string& token, const Outcome& outcome,
+                             LossCause stop_cause) const {
+  JobRecord job = require_attempt(table, key, token);
   if (is_terminal(job.state) && is_same_outcome(job, outcome)) return job;
   if (!is_held(job.state)) throw lease_lost(key);
 
@@ -180,6 +190,23 @@ std::optional<JobRecord> JobQueue::lose(JobTable& table, const AttemptKey& key, 
   return job;
 }
 
+JobRecord JobQueue::put_checkpoint(JobTable& table, const AttemptKey& key, const std::string& token,
+                                   const Checkpoint& checkpoint) const {
+  JobRecord job = require_attempt(table, key, token);
+  if (!is_held(job.state)) throw lease_lost(key);
+  const auto size = table.blob_size(checkpoint.digest);
+  if (!size || *size != checkpoint.size)
+    throw Refusal(RefusalKind::FailedPrecondition, "CHECKPOINT_MISSING",
+                  "the checkpoint is " + checkpoint.digest + " with " + std::to_string(checkpoint.size) +
+                      " bytes, which has not been uploaded; upload it with WriteBlob first");
+  Checkpoint kept = checkpoint;
+  kept.attempt = key.attempt;
+  if (job.checkpoint == kept) return job;
+  job.checkpoint = std::move(kept);
+  table.update(job);
+  return job;
+}
+
 std::vector<std::string> JobQueue::remove(JobTable& table, const std::string& id) const {
   const JobRecord job = require_job(table, id);
   if (is_held(job.state))
@@ -187,6 +214,7 @@ std::vector<std::string> JobQueue::remove(JobTable& table, const std::string& id
                   "job '" + id + "' is " + to_string(job.state) + "; cancel it and delete it when it has ended");
   std::vector<std::string> digests;
   for (const Artifact& artifact : job.artifacts) digests.push_back(artifact.digest);
+  if (job.checkpoint) digests.push_back(job.checkpoint->digest);
   std::sort(digests.begin(), digests.end());
   digests.erase(std::unique(digests.begin(), digests.end()), digests.end());
   table.erase(id);

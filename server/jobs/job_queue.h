@@ -69,10 +69,20 @@ class JobQueue {
   std::optional<JobRecord> lose(JobTable& table, const AttemptKey& key, LossCause cause,
                                 const std::string& detail) const;
 
-  /// Removes the job and returns the digests of its artefacts. Throws FailedPrecondition JOB_RUNNING.
+  /// From now on the next attempt goes on from `checkpoint`, whose `attempt` is set here. Idempotent. Throws Aborted
+  /// LEASE_LOST as complete() does, and FailedPrecondition CHECKPOINT_MISSING when its blob is not there with that
+  /// size.
+  JobRecord put_checkpoint(JobTable& table, const AttemptKey& key, const std::string& token,
+                           const Checkpoint& checkpoint) const;
+
+  /// Removes the job and returns the digests of its artefacts and its checkpoint. Throws FailedPrecondition
+  /// JOB_RUNNING.
   std::vector<std::string> remove(JobTable& table, const std::string& id) const;
 
  private:
+  /// The job of the current attempt. Throws Aborted LEASE_LOST.
+  JobRecord require_attempt(JobTable& table, const AttemptKey& key, const std::string& token) const;
+
   const Clock& clock_;
   IdSource& ids_;
   QueueLimits limits_;

@@ -27,12 +27,12 @@ class JobReader {
 /// The rows inside one write transaction. Only valid during the operation it was given to.
 class JobTable : public JobReader {
  public:
-  virtual std::optional<JobRecord> find_request(const std::string& request_id) = 0;
+  virtual std::optional<JobRecord> find_request(const std::string& submitter, const std::string& request_id) = 0;
   /// The oldest queued job.
   virtual std::optional<JobRecord> next_queued() = 0;
   /// Gives `job` its sequence.
   virtual void insert(JobRecord& job) = 0;
-  /// Replaces what may change: state, attempts, times, failure, artefacts. Raises the revision of `job`.
+  /// Replaces what may change: state, attempts, times, failure, artefacts, checkpoint. Raises the revision of `job`.
   virtual void update(JobRecord& job) = 0;
   virtual void erase(const std::string& id) = 0;
   virtual void insert_blob(const std::string& digest, std::int64_t size, WallTime now) = 0;

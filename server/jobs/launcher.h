@@ -11,6 +11,7 @@ struct LaunchRequest {
   AttemptKey key;
   std::string token;
   int threads = 1;
+  JobLimits limits = {};  ///< of this attempt; the wall time is watched by the job manager
 };
 
 /// How a worker's process ended.

@@ -1,5 +1,6 @@
 #include "server/store/schema.h"
 
+#include <iterator>
 #include <stdexcept>
 #include <string>
 
@@ -8,8 +9,12 @@ namespace {
 
 constexpr std::int64_t kApplicationId = 0x736c7475;  // "sltu"
 
+// Migrations from nothing to kSchemaVersion, in order. What has been released is never edited: a change is a new
+// migration at the end. While one runs, foreign keys are off (a table can be replaced); they are checked before it
+// commits.
+
 // States are stored as the numbers of JobState.
-constexpr const char* kCreate = R"sql(
+constexpr const char* kJobsAndBlobs = R"sql(
 CREATE TABLE blob (
   digest TEXT PRIMARY KEY,
   size INTEGER NOT NULL,
@@ -59,27 +64,105 @@ CREATE TABLE artifact (
 CREATE INDEX artifact_by_digest ON artifact (digest);
 )sql";
 
+// Request ids become unique for each submitter, so the table is replaced; its AUTOINCREMENT goes on where it was.
+// What an old job did not say gets the value that the daemon worked by: no submitter but this machine, the middle
+// priority, no limit. Numbers of 0 mean "not said".
+constexpr const char* kSchedulingAndCheckpoints = R"sql(
+CREATE TABLE new_job (
+  sequence INTEGER PRIMARY KEY AUTOINCREMENT,
+  revision INTEGER NOT NULL,
+  id TEXT NOT NULL UNIQUE,
+  submitter TEXT NOT NULL DEFAULT 'local',
+  request_id TEXT,
+  request_hash TEXT NOT NULL,
+  spec BLOB NOT NULL,
+  threads INTEGER NOT NULL,
+  priority INTEGER NOT NULL DEFAULT 1,
+  memory_bytes INTEGER NOT NULL DEFAULT 0,
+  limit_wall_seconds INTEGER NOT NULL DEFAULT 0,
+  limit_cpu_seconds INTEGER NOT NULL DEFAULT 0,
+  limit_memory_bytes INTEGER NOT NULL DEFAULT 0,
+  state INTEGER NOT NULL,
+  attempt INTEGER NOT NULL,
+  lost_attempts INTEGER NOT NULL,
+  crashes INTEGER NOT NULL,
+  not_before INTEGER,
+  loss_reason TEXT,
+  loss_message TEXT,
+  token_hash TEXT NOT NULL,
+  process TEXT NOT NULL,
+  created INTEGER NOT NULL,
+  started INTEGER,
+  ended INTEGER,
+  failure_reason TEXT,
+  failure_message TEXT,
+  UNIQUE (submitter, request_id)
+);
+INSERT INTO new_job (sequence, revision, id, request_id, request_hash, spec, threads, state, attempt, lost_attempts,
+                     crashes, token_hash, process, created, started, ended, failure_reason, failure_message)
+  SELECT sequence, revision, id, request_id, request_hash, spec, threads, state, attempt, lost_attempts,
+         crashes, token_hash, process, created, started, ended, failure_reason, failure_message FROM job;
+DELETE FROM sqlite_sequence WHERE name = 'new_job';
+INSERT INTO sqlite_sequence (name, seq) SELECT 'new_job', seq FROM sqlite_sequence WHERE name = 'job';
+DROP TABLE job;
+ALTER TABLE new_job RENAME TO job;
+CREATE INDEX job_by_state ON job (state, sequence);
+CREATE INDEX job_by_submitter ON job (submitter, sequence);
+CREATE INDEX label_by_value ON label (name, value, job);
+CREATE TABLE checkpoint (
+  job INTEGER PRIMARY KEY REFERENCES job ON DELETE CASCADE,
+  digest TEXT NOT NULL REFERENCES blob,
+  size INTEGER NOT NULL,
+  attempt INTEGER NOT NULL,
+  level INTEGER NOT NULL,
+  iteration INTEGER NOT NULL
+);
+CREATE INDEX checkpoint_by_digest ON checkpoint (digest);
+)sql";
+
+constexpr const char* kMigrations[] = {kJobsAndBlobs, kSchedulingAndCheckpoints};
+static_assert(std::size(kMigrations) == kSchemaVersion);
+
 std::int64_t pragma(Database& database, const char* sql) {
   Query query = database.query(sql);
   query.step();
   return query.integer();
 }
 
+void require_foreign_keys(Database& database, int version) {
+  Query query = database.query("PRAGMA foreign_key_check");
+  if (query.step())
+    throw std::runtime_error("the database cannot be brought to schema " + std::to_string(version) + ": its table " +
+                             query.text() + " refers to rows that are not there; restore a backup");
+}
+
+void migrate(Database& database, int version) {
+  try {
+    database.execute("BEGIN IMMEDIATE");
+    database.execute(kMigrations[version - 1]);
+    require_foreign_keys(database, version);
+    database.execute("PRAGMA application_id=" + std::to_string(kApplicationId) +
+                     ";PRAGMA user_version=" + std::to_string(version) + ";COMMIT");
+  } catch (...) {
+    if (database.is_in_transaction()) database.execute("ROLLBACK");
+    throw;
+  }
+}
+
 }  // namespace
 
-void prepare_schema(Database& database) {
-  database.execute("PRAGMA journal_mode=WAL; PRAGMA synchronous=FULL; PRAGMA foreign_keys=ON;");
-  const std::int64_t version = pragma(database, "PRAGMA user_version");
+void prepare_schema(Database& database, int version) {
+  database.execute("PRAGMA journal_mode=WAL; PRAGMA synchronous=FULL;");
+  const std::int64_t found = pragma(database, "PRAGMA user_version");
   const std::int64_t application = pragma(database, "PRAGMA application_id");
-  if (version > 0 && application != kApplicationId)
+  if (found > 0 && application != kApplicationId)
     throw std::runtime_error("the database is not one of saltusd; use another --data directory");
-  if (version > kSchemaVersion)
-    throw std::runtime_error("the database has schema " + std::to_string(version) + ", this saltusd knows up to " +
-                             std::to_string(kSchemaVersion) + "; use a newer saltusd or another --data directory");
-  if (version == kSchemaVersion) return;
-  database.execute("BEGIN IMMEDIATE;" + std::string(kCreate) +
-                   "PRAGMA application_id=" + std::to_string(kApplicationId) +
-                   ";PRAGMA user_version=" + std::to_string(kSchemaVersion) + ";COMMIT;");
+  if (found > version)
+    throw std::runtime_error("the database has schema " + std::to_string(found) + ", this saltusd knows up to " +
+                             std::to_string(version) + "; use a newer saltusd or another --data directory");
+  database.execute("PRAGMA foreign_keys=OFF");
+  for (int next = static_cast<int>(found) + 1; next <= version; ++next) migrate(database, next);
+  database.execute("PRAGMA foreign_keys=ON");
 }
 
 }  // namespace saltus::server

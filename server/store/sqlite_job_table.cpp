@@ -3,9 +3,11 @@
 namespace saltus::server {
 namespace {
 
-#define SALTUS_JOB_COLUMNS                                                                                           \
-  "SELECT sequence, revision, id, request_id, request_hash, spec, threads, state, attempt, lost_attempts, crashes, " \
-  "token_hash, process, created, started, ended, failure_reason, failure_message FROM job "
+#define SALTUS_JOB_COLUMNS                                                                                          \
+  "SELECT sequence, revision, id, submitter, request_id, request_hash, spec, threads, priority, memory_bytes, "     \
+  "limit_wall_seconds, limit_cpu_seconds, limit_memory_bytes, state, attempt, lost_attempts, crashes, not_before, " \
+  "loss_reason, loss_message, token_hash, process, created, started, ended, failure_reason, failure_message "       \
+  "FROM job "
 
 std::int64_t milliseconds(WallTime time) { return time.time_since_epoch().count(); }
 WallTime wall_time(std::int64_t value) { return WallTime(std::chrono::milliseconds(value)); }
@@ -20,6 +22,20 @@ std::optional<WallTime> optional_time(Query& query) {
   return is_null ? std::nullopt : std::optional(wall_time(value));
 }
 
+std::optional<JobFailure> optional_failure(Query& query) {
+  const bool is_null = query.is_null();
+  const std::string reason = query.text();
+  const std::string message = query.text();
+  return is_null ? std::nullopt : std::optional(JobFailure{reason, message});
+}
+
+void bind_failure(Query& query, const std::optional<JobFailure>& failure) {
+  if (failure)
+    query.bind(failure->reason).bind(failure->message);
+  else
+    query.bind_null().bind_null();
+}
+
 std::int64_t number(JobState state) { return static_cast<std::int64_t>(state); }
 
 }  // namespace
@@ -29,23 +45,28 @@ JobRecord SqliteJobTable::record(Query& query) {
   job.sequence = query.integer();
   job.revision = query.integer();
   job.id = query.text();
+  job.submitter = query.text();
   job.request_id = query.text();
   job.request_hash = query.text();
   job.spec = query.text();
   job.threads = static_cast<int>(query.integer());
+  job.priority = static_cast<int>(query.integer());
+  job.memory_bytes = query.integer();
+  job.limits.wall_seconds = query.integer();
+  job.limits.cpu_seconds = query.integer();
+  job.limits.memory_bytes = query.integer();
   job.state = static_cast<JobState>(query.integer());
   job.attempt = static_cast<int>(query.integer());
   job.lost_attempts = static_cast<int>(query.integer());
   job.crashes = static_cast<int>(query.integer());
+  job.not_before = optional_time(query);
+  job.last_loss = optional_failure(query);
   job.token_hash = query.text();
   job.process = query.text();
   job.created = wall_time(query.integer());
   job.started = optional_time(query);
   job.ended = optional_time(query);
-  const bool has_failure = !query.is_null();
-  const std::string reason = query.text();
-  const std::string message = query.text();
-  if (has_failure) job.failure = {reason, message};
+  job.failure = optional_failure(query);
   return job;
 }
 
@@ -68,6 +89,17 @@ void SqliteJobTable::read_lists(JobRecord& job) {
     artifact.size = artifacts.integer();
     job.artifacts.push_back(std::move(artifact));
   }
+  Query checkpoints = database_.query("SELECT digest, size, attempt, level, iteration FROM checkpoint WHERE job = ?");
+  checkpoints.bind(job.sequence);
+  if (checkpoints.step()) {
+    Checkpoint checkpoint;
+    checkpoint.digest = checkpoints.text();
+    checkpoint.size = checkpoints.integer();
+    checkpoint.attempt = static_cast<int>(checkpoints.integer());
+    checkpoint.level = static_cast<int>(checkpoints.integer());
+    checkpoint.iteration = static_cast<int>(checkpoints.integer());
+    job.checkpoint = std::move(checkpoint);
+  }
 }
 
 std::optional<JobRecord> SqliteJobTable::first(Query& query) {
@@ -83,9 +115,9 @@ std::optional<JobRecord> SqliteJobTable::find(const std::string& id) {
   return first(query);
 }
 
-std::optional<JobRecord> SqliteJobTable::find_request(const std::string& request_id) {
-  Query query = database_.query(SALTUS_JOB_COLUMNS "WHERE request_id = ?");
-  query.bind(request_id);
+std::optional<JobRecord> SqliteJobTable::find_request(const std::string& submitter, const std::string& request_id) {
+  Query query = database_.query(SALTUS_JOB_COLUMNS "WHERE submitter = ? AND request_id = ?");
+  query.bind(submitter).bind(request_id);
   return first(query);
 }
 
@@ -138,13 +170,15 @@ std::optional<std::int64_t> SqliteJobTable::blob_size(const std::string& digest)
 void SqliteJobTable::insert(JobRecord& job) {
   job.revision = 1;
   Query query = database_.query(
-      "INSERT INTO job (revision, id, request_id, request_hash, spec, threads, state, attempt, lost_attempts, crashes, "
-      "token_hash, process, created) VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?) RETURNING sequence");
-  query.bind(job.revision).bind(job.id);
+      "INSERT INTO job (revision, id, submitter, request_id, request_hash, spec, threads, priority, memory_bytes, "
+      "limit_wall_seconds, limit_cpu_seconds, limit_memory_bytes, state, attempt, lost_attempts, crashes, token_hash, "
+      "process, created) VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?) RETURNING sequence");
+  query.bind(job.revision).bind(job.id).bind(job.submitter);
   job.request_id.empty() ? query.bind_null() : query.bind(job.request_id);
-  query.bind(job.request_hash).bind_blob(job.spec).bind(job.threads).bind(number(job.state)).bind(job.attempt);
-  query.bind(job.lost_attempts).bind(job.crashes).bind(job.token_hash).bind(job.process);
-  query.bind(milliseconds(job.created));
+  query.bind(job.request_hash).bind_blob(job.spec).bind(job.threads).bind(job.priority).bind(job.memory_bytes);
+  query.bind(job.limits.wall_seconds).bind(job.limits.cpu_seconds).bind(job.limits.memory_bytes);
+  query.bind(number(job.state)).bind(job.attempt).bind(job.lost_attempts).bind(job.crashes);
+  query.bind(job.token_hash).bind(job.process).bind(milliseconds(job.created));
   query.step();
   job.sequence = query.integer();
   query.run();
@@ -161,16 +195,15 @@ void SqliteJobTable::insert(JobRecord& job) {
 void SqliteJobTable::update(JobRecord& job) {
   ++job.revision;
   Query query = database_.query(
-      "UPDATE job SET revision = ?, state = ?, attempt = ?, lost_attempts = ?, crashes = ?, token_hash = ?, process = "
-      "?, "
-      "started = ?, ended = ?, failure_reason = ?, failure_message = ? WHERE sequence = ?");
+      "UPDATE job SET revision = ?, state = ?, attempt = ?, lost_attempts = ?, crashes = ?, not_before = ?, "
+      "loss_reason = ?, loss_message = ?, token_hash = ?, process = ?, started = ?, ended = ?, failure_reason = ?, "
+      "failure_message = ? WHERE sequence = ?");
   query.bind(job.revision).bind(number(job.state)).bind(job.attempt).bind(job.lost_attempts).bind(job.crashes);
+  query.bind_optional(milliseconds(job.not_before));
+  bind_failure(query, job.last_loss);
   query.bind(job.token_hash).bind(job.process);
   query.bind_optional(milliseconds(job.started)).bind_optional(milliseconds(job.ended));
-  if (job.failure)
-    query.bind(job.failure->reason).bind(job.failure->message);
-  else
-    query.bind_null().bind_null();
+  bind_failure(query, job.failure);
   query.bind(job.sequence).run();
   database_.query("DELETE FROM artifact WHERE job = ?").bind(job.sequence).run();
   std::int64_t position = 0;
@@ -182,6 +215,24 @@ void SqliteJobTable::update(JobRecord& job) {
         .bind(artifact.digest)
         .bind(artifact.size)
         .run();
+  write_checkpoint(job);
+}
+
+void SqliteJobTable::write_checkpoint(const JobRecord& job) {
+  if (!job.checkpoint) {
+    database_.query("DELETE FROM checkpoint WHERE job = ?").bind(job.sequence).run();
+    return;
+  }
+  database_
+      .query(
+          "INSERT OR REPLACE INTO checkpoint (job, digest, size, attempt, level, iteration) VALUES (?, ?, ?, ?, ?, ?)")
+      .bind(job.sequence)
+      .bind(job.checkpoint->digest)
+      .bind(job.checkpoint->size)
+      .bind(job.checkpoint->attempt)
+      .bind(job.checkpoint->level)
+      .bind(job.checkpoint->iteration)
+      .run();
 }
 
 void SqliteJobTable::erase(const std::string& id) { database_.query("DELETE FROM job WHERE id = ?").bind(id).run(); }
@@ -198,7 +249,8 @@ bool SqliteJobTable::erase_blob_if_unreferenced(const std::string& digest) {
   database_
       .query(
           "DELETE FROM blob WHERE digest = ?1 AND NOT EXISTS (SELECT 1 FROM input WHERE digest = ?1) "
-          "AND NOT EXISTS (SELECT 1 FROM artifact WHERE digest = ?1)")
+          "AND NOT EXISTS (SELECT 1 FROM artifact WHERE digest = ?1) "
+          "AND NOT EXISTS (SELECT 1 FROM checkpoint WHERE digest = ?1)")
       .bind(digest)
       .run();
   return database_.changes() > 0;

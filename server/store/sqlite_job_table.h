@@ -16,7 +16,7 @@ class SqliteJobTable final : public JobTable {
   int count(JobState state) override;
   std::optional<std::int64_t> blob_size(const std::string& digest) override;
 
-  std::optional<JobRecord> find_request(const std::string& request_id) override;
+  std::optional<JobRecord> find_request(const std::string& submitter, const std::string& request_id) override;
   std::optional<JobRecord> next_queued() override;
   void insert(JobRecord& job) override;
   void update(JobRecord& job) override;
@@ -31,6 +31,7 @@ class SqliteJobTable final : public JobTable {
   std::optional<JobRecord> first(Query& query);
   JobRecord record(Query& query);
   void read_lists(JobRecord& job);
+  void write_checkpoint(const JobRecord& job);
   Database& database_;
 };
 

@@ -76,9 +76,9 @@ class MemoryTable final : public server::JobTable {
     const auto found = blobs_.find(digest);
     return found == blobs_.end() ? std::nullopt : std::optional(found->second);
   }
-  std::optional<JobRecord> find_request(const std::string& request_id) override {
+  std::optional<JobRecord> find_request(const std::string& submitter, const std::string& request_id) override {
     for (const auto& [sequence, job] : jobs_)
-      if (!request_id.empty() && job.request_id == request_id) return job;
+      if (!request_id.empty() && job.submitter == submitter && job.request_id == request_id) return job;
     return std::nullopt;
   }
   std::optional<JobRecord> next_queued() override {
@@ -107,6 +107,7 @@ class MemoryTable final : public server::JobTable {
       if (std::find(job.inputs.begin(), job.inputs.end(), digest) != job.inputs.end()) return false;
       for (const auto& artifact : job.artifacts)
         if (artifact.digest == digest) return false;
+      if (job.checkpoint && job.checkpoint->digest == digest) return false;
     }
     return blobs_.erase(digest) > 0;
   }

@@ -57,12 +57,16 @@ TYPED_TEST_SUITE(JobTableSuite, Factories);
 TYPED_TEST(JobTableSuite, GivesBackEveryField) {
   JobRecord job;
   job.id = "a";
+  job.submitter = "ann";
   job.request_id = "request";
   job.request_hash = "hash";
   job.spec = std::string("with \0 inside \xff", 15);
   job.inputs = {"sha256:1", "sha256:2"};
   job.labels = {{"case", "7"}, {"side", "left"}};
   job.threads = 3;
+  job.priority = kHighestPriority;
+  job.memory_bytes = std::int64_t{3} << 32;
+  job.limits = {.wall_seconds = 60, .cpu_seconds = 50, .memory_bytes = std::int64_t{5} << 32};
   job.created = WallTime(std::chrono::milliseconds(1234567890123));
   this->write([&](JobTable& table) {
     for (const char* digest : {"sha256:1", "sha256:2", "sha256:3"}) table.insert_blob(digest, 5, job.created);
@@ -72,6 +76,9 @@ TYPED_TEST(JobTableSuite, GivesBackEveryField) {
   job.attempt = 2;
   job.lost_attempts = 1;
   job.crashes = 1;
+  job.not_before = WallTime(std::chrono::milliseconds(4));
+  job.last_loss = JobFailure{"STALLED", "it stood still"};
+  job.checkpoint = Checkpoint{.digest = "sha256:3", .size = 5, .attempt = 1, .level = 2, .iteration = 17};
   job.token_hash = "#token";
   job.process = "42 1 boot";
   job.started = WallTime(std::chrono::milliseconds(5));
@@ -83,16 +90,23 @@ TYPED_TEST(JobTableSuite, GivesBackEveryField) {
   const auto found = *this->read([](JobReader& reader) { return reader.find("a"); });
   EXPECT_EQ(found.sequence, job.sequence);
   EXPECT_EQ(found.revision, 2);
+  EXPECT_EQ(found.submitter, job.submitter);
   EXPECT_EQ(found.request_id, job.request_id);
   EXPECT_EQ(found.request_hash, job.request_hash);
   EXPECT_EQ(found.spec, job.spec);
   EXPECT_EQ(found.inputs, job.inputs);
   EXPECT_EQ(found.labels, job.labels);
   EXPECT_EQ(found.threads, 3);
+  EXPECT_EQ(found.priority, kHighestPriority);
+  EXPECT_EQ(found.memory_bytes, job.memory_bytes);
+  EXPECT_EQ(found.limits, job.limits);
   EXPECT_EQ(found.state, JobState::Failed);
   EXPECT_EQ(found.attempt, 2);
   EXPECT_EQ(found.lost_attempts, 1);
   EXPECT_EQ(found.crashes, 1);
+  EXPECT_EQ(found.not_before, job.not_before);
+  EXPECT_EQ(found.last_loss, job.last_loss);
+  EXPECT_EQ(found.checkpoint, job.checkpoint);
   EXPECT_EQ(found.token_hash, job.token_hash);
   EXPECT_EQ(found.process, job.process);
   EXPECT_EQ(found.created, job.created);
@@ -134,7 +148,40 @@ TYPED_TEST(JobTableSuite, KnowsTheQueue) {
 TYPED_TEST(JobTableSuite, JobsWithoutRequestIdDoNotCollide) {
   this->insert("a");
   this->insert("b");
-  this->write([&](JobTable& table) { EXPECT_FALSE(table.find_request("").has_value()); });
+  this->write([&](JobTable& table) { EXPECT_FALSE(table.find_request("local", "").has_value()); });
+}
+
+TYPED_TEST(JobTableSuite, ARequestIdBelongsToItsSubmitter) {
+  for (const char* submitter : {"ann", "bob"}) {
+    JobRecord job;
+    job.id = std::string("job of ") + submitter;
+    job.submitter = submitter;
+    job.request_id = "request";
+    this->write([&](JobTable& table) { table.insert(job); });
+  }
+  this->write([&](JobTable& table) {
+    EXPECT_EQ(table.find_request("ann", "request")->id, "job of ann");
+    EXPECT_EQ(table.find_request("bob", "request")->id, "job of bob");
+    EXPECT_FALSE(table.find_request("eve", "request").has_value());
+  });
+}
+
+TYPED_TEST(JobTableSuite, ACheckpointIsReplacedAndTakenBack) {
+  JobRecord job = this->insert("a");
+  this->write([&](JobTable& table) {
+    for (const char* digest : {"sha256:1", "sha256:2"}) table.insert_blob(digest, 5, {});
+    job.checkpoint = Checkpoint{.digest = "sha256:1", .size = 5, .attempt = 1, .level = 0, .iteration = 9};
+    table.update(job);
+    EXPECT_FALSE(table.erase_blob_if_unreferenced("sha256:1"));
+    job.checkpoint = Checkpoint{.digest = "sha256:2", .size = 5, .attempt = 1, .level = 1, .iteration = 3};
+    table.update(job);
+    EXPECT_TRUE(table.erase_blob_if_unreferenced("sha256:1"));
+    EXPECT_EQ(table.find("a")->checkpoint, job.checkpoint);
+    job.checkpoint.reset();
+    table.update(job);
+    EXPECT_FALSE(table.find("a")->checkpoint.has_value());
+    EXPECT_TRUE(table.erase_blob_if_unreferenced("sha256:2"));
+  });
 }
 
 TYPED_TEST(JobTableSuite, AThrownExceptionUndoesTheOperation) {

@@ -70,6 +70,14 @@ class JobManagerTest : public ::testing::Test {
     return is_done;
   }
 
+  bool put_checkpoint(const LaunchRequest& worker, const std::string& digest) {
+    store.table.insert_blob(digest, 5, clock.wall());
+    bool is_done = false;
+    manager->put_checkpoint(worker.key, worker.token, {.digest = digest, .size = 5},
+                            [&](std::exception_ptr error, const JobRecord&) { is_done = !error; });
+    return is_done;
+  }
+
   int slots = 1;
   int wakes = 0;
   testing_support::FakeClock clock;
@@ -329,6 +337,50 @@ TEST_F(JobManagerTest, TellsTheirPlaceToQueuedJobs) {
   EXPECT_EQ(all[0].queue_position, 2);
   EXPECT_EQ(all[1].queue_position, 1);
   EXPECT_EQ(all[2].queue_position, 0);
+}
+
+TEST_F(JobManagerTest, OnlyTheLatestCheckpointIsKeptAndTheNextAttemptGetsIt) {
+  const auto worker = submit_and_launch();
+  EXPECT_FALSE(manager->acquire(worker.key, worker.token).checkpoint.has_value());
+  EXPECT_TRUE(put_checkpoint(worker, "sha256:1"));
+  EXPECT_THAT(bytes.removed, IsEmpty());
+  EXPECT_TRUE(put_checkpoint(worker, "sha256:2"));
+  EXPECT_THAT(bytes.removed, ElementsAre("sha256:1"));
+  EXPECT_TRUE(put_checkpoint(worker, "sha256:2"));
+  EXPECT_THAT(bytes.removed, ElementsAre("sha256:1"));
+
+  launcher->end(worker.key, {WorkerExit::Kind::Signalled, 11});
+  settle();
+  const auto second = launcher->started().back();
+  EXPECT_EQ(second.key.attempt, 2);
+  EXPECT_EQ(manager->acquire(second.key, second.token).checkpoint->digest, "sha256:2");
+  EXPECT_TRUE(complete(second, Delivered{}));
+  EXPECT_THAT(bytes.removed, ElementsAre("sha256:1", "sha256:2"));
+  EXPECT_FALSE(store.table.blob_size("sha256:2").has_value());
+}
+
+TEST_F(JobManagerTest, ACheckpointThatIsAlsoAResultStays) {
+  const auto worker = submit_and_launch();
+  EXPECT_TRUE(put_checkpoint(worker, "sha256:1"));
+  EXPECT_TRUE(complete(worker, Delivered{{{"field", "sha256:1", 5}}}));
+  EXPECT_THAT(bytes.removed, IsEmpty());
+}
+
+TEST_F(JobManagerTest, AQueuedJobThatIsCancelledOrDeletedTakesItsCheckpointAlong) {
+  for (const bool deletes : {false, true}) {
+    const auto worker = submit_and_launch();
+    const std::string digest = deletes ? "sha256:deleted" : "sha256:cancelled";
+    EXPECT_TRUE(put_checkpoint(worker, digest));
+    manager->begin_drain();
+    launcher->end(worker.key, {WorkerExit::Kind::Exited, 5});
+    EXPECT_EQ(state(worker.key.job_id), JobState::Queued);
+    if (deletes)
+      manager->remove(worker.key.job_id, [](std::exception_ptr error, const std::string&) { EXPECT_FALSE(error); });
+    else
+      cancel(worker.key.job_id);
+    EXPECT_THAT(bytes.removed, Contains(digest));
+    make_manager();
+  }
 }
 
 }  // namespace

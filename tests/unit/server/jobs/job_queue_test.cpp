@@ -227,5 +227,47 @@ TEST_F(JobQueueTest, RemovingAJobTellsWhichArtefactsItHadEachOnce) {
   EXPECT_FALSE(table.find(taken.job.id).has_value());
 }
 
+TEST_F(JobQueueTest, ARequestIdOfAnotherSubmitterIsAnotherJob) {
+  NewJob job = asked("request");
+  const auto first = queue.submit(table, job);
+  job.submitter = "ann";
+  EXPECT_NE(queue.submit(table, job).id, first.id);
+  EXPECT_EQ(table.find("job-2")->submitter, "ann");
+}
+
+TEST_F(JobQueueTest, ACheckpointIsHandedToTheNextAttempt) {
+  const auto first = submit_and_take();
+  table.insert_blob("sha256:check", 7, clock.wall());
+  queue.put_checkpoint(table, key(first), first.token,
+                       {.digest = "sha256:check", .size = 7, .level = 1, .iteration = 9});
+  queue.lose(table, key(first), LossCause::Crashed, "signal 9");
+  EXPECT_EQ(take().job.checkpoint,
+            (Checkpoint{.digest = "sha256:check", .size = 7, .attempt = 1, .level = 1, .iteration = 9}));
+}
+
+TEST_F(JobQueueTest, ACheckpointIsFencedAndItsBlobMustBeThere) {
+  const auto first = submit_and_take();
+  const Checkpoint checkpoint{.digest = "sha256:check", .size = 7};
+  const auto put = [&](const AttemptKey& of, const std::string& token) {
+    return [this, of, token, checkpoint] { queue.put_checkpoint(table, of, token, checkpoint); };
+  };
+  expect_refused(put(key(first), first.token), RefusalKind::FailedPrecondition, "CHECKPOINT_MISSING");
+  table.insert_blob("sha256:check", 8, clock.wall());
+  expect_refused(put(key(first), first.token), RefusalKind::FailedPrecondition, "CHECKPOINT_MISSING");
+  expect_refused(put(key(first), "another token"), RefusalKind::Aborted, "LEASE_LOST");
+  expect_refused(put({first.job.id, 2}, first.token), RefusalKind::Aborted, "LEASE_LOST");
+  queue.lose(table, key(first), LossCause::LeaseExpired, "");
+  expect_refused(put(key(first), first.token), RefusalKind::Aborted, "LEASE_LOST");
+  EXPECT_FALSE(table.find(first.job.id)->checkpoint.has_value());
+}
+
+TEST_F(JobQueueTest, ATerminalJobHasNoCheckpoint) {
+  const auto first = submit_and_take();
+  table.insert_blob("sha256:check", 7, clock.wall());
+  queue.put_checkpoint(table, key(first), first.token, {.digest = "sha256:check", .size = 7});
+  queue.complete(table, key(first), first.token, Delivered{});
+  EXPECT_FALSE(table.find(first.job.id)->checkpoint.has_value());
+}
+
 }  // namespace
 }  // namespace saltus::server
