@@ -1,6 +1,7 @@
 #include "server/worker/lease.h"
 
 #include "client/lib/client_error.h"
+#include "server/worker/process_limits.h"
 
 #include <algorithm>
 #include <csignal>
@@ -73,6 +74,16 @@ client::CallSettings Lease::transfer_settings() const {
   return settings;
 }
 
+void Lease::put_checkpoint(const v1::Checkpoint& checkpoint, const std::stop_token& stop) {
+  auto request = identified<v1::PutCheckpointRequest>(identity_);
+  *request.mutable_checkpoint() = checkpoint;
+  client::CallSettings settings = transfer_settings();
+  settings.stop = stop;
+  v1::PutCheckpointResponse response;
+  client::call(settings, client::CallKind::Unary,
+               [&](grpc::ClientContext& context, bool&) { return stub_->PutCheckpoint(&context, request, &response); });
+}
+
 void Lease::stop_because(StopReason reason) {
   StopReason expected = StopReason::None;
   if (stop_reason_.compare_exchange_strong(expected, reason)) stop_.request_stop();
@@ -84,6 +95,9 @@ void Lease::beat() {
     std::lock_guard lock(mutex_);
     *request.mutable_progress() = progress_;
   }
+  const ProcessUse use = process_use();
+  request.mutable_progress()->set_memory_bytes(use.memory_bytes);
+  request.mutable_progress()->set_cpu_seconds(use.cpu_seconds);
   grpc::ClientContext context;
   context.set_deadline(std::chrono::system_clock::now() + std::min(heartbeat_deadline, duration()));
   v1::HeartbeatResponse response;
@@ -106,6 +120,7 @@ void Lease::heartbeat_loop(const std::stop_token& end) {
   Clock::time_point stopped_at{};
   while (!end.stop_requested()) {
     if (termination_requested) stop_because(StopReason::Terminated);
+    if (cpu_time_is_used_up()) stop_because(StopReason::CpuTime);
     if (stop_reason_ != StopReason::LeaseLost) beat();
     if (stop_reason_ != StopReason::None) {
       if (stopped_at == Clock::time_point{}) stopped_at = Clock::now();

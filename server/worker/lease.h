@@ -30,7 +30,8 @@ enum class StopReason {
   Cancelled,    ///< the daemon asks for the job's end
   LeaseLost,    ///< the attempt belongs to nobody any more; nothing may be written
   Unreachable,  ///< no answer from the daemon for as long as the lease lasts
-  Terminated    ///< SIGTERM: this process has to end, the job may run again elsewhere
+  Terminated,   ///< SIGTERM: this process has to end, the job may run again elsewhere
+  CpuTime       ///< more of it is used than the lease allows
 };
 
 /// The right to work on one job: acquires it, keeps it alive with heartbeats from a thread of its own, learns from the
@@ -56,6 +57,11 @@ class Lease {
 
   /// For transfers of this attempt: they wait as long as the lease lasts and are cut off when work must stop.
   client::CallSettings transfer_settings() const;
+  std::stop_token stop_token() const { return stop_.get_token(); }
+
+  /// The next attempt goes on from this blob, which the daemon must hold. Cut off by `stop`. Throws
+  /// client::ClientError.
+  void put_checkpoint(const v1::Checkpoint& checkpoint, const std::stop_token& stop);
 
   /// Hand in the outcome. Idempotent. Throw client::ClientError; code ABORTED when the lease is lost.
   void complete_success(const std::vector<v1::Artifact>& artifacts);

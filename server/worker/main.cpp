@@ -1,3 +1,4 @@
+#include "server/worker/process_limits.h"
 #include "server/worker/worker_session.h"
 
 #include <CLI/CLI.hpp>
@@ -34,5 +35,6 @@ int main(int argument_count, char** arguments) {
     return UsageError;
   }
   catch_termination_signals();
+  prepare_process();
   return run_attempt(identity);
 }

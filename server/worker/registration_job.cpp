@@ -47,6 +47,14 @@ void write_text(const fs::path& file, const std::string& text) {
   if (!out) throw FileError(file.string() + " cannot be written");
 }
 
+std::string read_bytes(const fs::path& file) {
+  std::ifstream in(file, std::ios::binary);
+  std::string bytes(static_cast<std::size_t>(fs::file_size(file)), '\0');
+  in.read(bytes.data(), static_cast<std::streamsize>(bytes.size()));
+  if (!in) throw FileError(file.string() + " cannot be read");
+  return bytes;
+}
+
 std::size_t peak_memory_bytes() {
   rusage usage{};
   getrusage(RUSAGE_SELF, &usage);
@@ -57,8 +65,13 @@ std::size_t peak_memory_bytes() {
 template <int Dim>
 class Run {
  public:
-  Run(const RegistrationTask& task, const fs::path& folder, const TaskObserver& observer)
-      : task_(task), inputs_folder_(task.fixed.parent_path()), folder_(folder), observer_(observer) {}
+  Run(const RegistrationTask& task, const fs::path& folder, const TaskObserver& observer,
+      const TaskCheckpoints& checkpoints)
+      : task_(task),
+        inputs_folder_(task.fixed.parent_path()),
+        folder_(folder),
+        observer_(observer),
+        checkpoints_(checkpoints) {}
 
   std::vector<std::string> operator()() {
     enter(TaskStage::Validating);
@@ -102,8 +115,22 @@ class Run {
 
   void optimise() {
     inputs_.images.fixed_points = inputs_.landmarks.fixed;
-    result_ = register_images(inputs_.images, options_,
-                              [this](const Progress& progress) { return observer_(TaskStage::Optimising, progress); });
+    if (checkpoints_.resume) {
+      try {
+        return optimise_from(read_bytes(*checkpoints_.resume));
+      } catch (const InvalidInput& error) {
+        // If the reason lies elsewhere, it comes again.
+        if (checkpoints_.on_unfit) checkpoints_.on_unfit(error.what());
+      }
+    }
+    optimise_from("");
+  }
+
+  void optimise_from(std::string checkpoint) {
+    result_ = register_images(
+        inputs_.images, options_,
+        [this](const Progress& progress) { return observer_(TaskStage::Optimising, progress); },
+        Checkpointing{std::move(checkpoint), checkpoints_.offer});
   }
 
   fs::path file(const std::string& name) {
@@ -140,6 +167,7 @@ class Run {
   const RegistrationTask& task_;
   const fs::path inputs_folder_, folder_;
   const TaskObserver& observer_;
+  const TaskCheckpoints& checkpoints_;
   RegistrationOptions options_;
   TaskInputs<Dim> inputs_;
   RegistrationResult<Dim> result_;
@@ -150,9 +178,10 @@ class Run {
 }  // namespace
 
 std::vector<std::string> run_registration_task(const RegistrationTask& task, const fs::path& folder,
-                                               const TaskObserver& observer) {
+                                               const TaskObserver& observer, const TaskCheckpoints& checkpoints) {
   try {
-    return input_dimension(task) == 2 ? Run<2>(task, folder, observer)() : Run<3>(task, folder, observer)();
+    return input_dimension(task) == 2 ? Run<2>(task, folder, observer, checkpoints)()
+                                      : Run<3>(task, folder, observer, checkpoints)();
   } catch (const TaskFailure&) {
     throw;
   } catch (const TaskStopped&) {

@@ -2,10 +2,16 @@
 
 #include "client/lib/blob_transfer.h"
 #include "client/lib/client_error.h"
+#include "core/support/errors.h"
+#include "server/worker/checkpoint_keeper.h"
+#include "server/worker/process_limits.h"
 #include "server/worker/registration_job.h"
 #include "server/worker/work_folder.h"
 
+#include <exception>
+#include <fstream>
 #include <iostream>
+#include <new>
 
 #include <unistd.h>
 
@@ -22,6 +28,8 @@ WorkerExit exit_for(StopReason reason) {
       return DaemonUnreachable;
     case StopReason::Terminated:
       return TerminatedExit;
+    case StopReason::CpuTime:
+      return OutcomeReported;
     case StopReason::None:
       break;
   }
@@ -34,9 +42,24 @@ WorkerExit exit_for(const client::ClientError& error) {
   return error.code() == grpc::StatusCode::UNAVAILABLE ? DaemonUnreachable : InternalError;
 }
 
-/// The work stopped because it was asked to.
-WorkerExit finish_stopped(Lease& lease) {
+void report_memory_limit(Lease& lease) {
+  release_reserve();
+  lease.complete_failure("MEMORY_LIMIT",
+                         "the job needs more memory than it may use; crop the fixed image, set finest_level to 1, or "
+                         "give the job more memory");
+}
+
+/// Tells the daemon that the work stopped because it was asked to, if that is an outcome.
+void report_stopped(Lease& lease) {
   if (lease.stop_reason() == StopReason::Cancelled) lease.complete_cancelled();
+  if (lease.stop_reason() == StopReason::CpuTime)
+    lease.complete_failure("CPU_TIME",
+                           "the job used more processor time than it may; crop the fixed image, take the preset fast, "
+                           "or give the job more time");
+}
+
+WorkerExit finish_stopped(Lease& lease) {
+  report_stopped(lease);
   return exit_for(lease.stop_reason());
 }
 
@@ -119,18 +142,79 @@ RegistrationTask fetch_task(const v1::AcquireLeaseResponse& terms, client::BlobT
   return task;
 }
 
+/// Where an earlier attempt stood, as a file. Nothing when there was none, or when it cannot be had: the job is then
+/// done from the start.
+std::optional<std::filesystem::path> fetch_checkpoint(const v1::AcquireLeaseResponse& terms,
+                                                      client::BlobTransfer& blobs,
+                                                      const std::filesystem::path& folder) {
+  if (!terms.has_checkpoint()) return std::nullopt;
+  const std::filesystem::path file = folder / "checkpoint";
+  try {
+    blobs.download(terms.checkpoint().digest(), file);
+    return file;
+  } catch (const client::ClientError& error) {
+    if (error.code() != grpc::StatusCode::NOT_FOUND && error.code() != grpc::StatusCode::DATA_LOSS) throw;
+    std::cerr << "saltus-worker: the checkpoint is dropped: " << error.what() << std::endl;
+    return std::nullopt;
+  }
+}
+
+/// Sends checkpoints over a connection of their own.
+CheckpointKeeper::Put put_with(Lease& lease, const AttemptIdentity& identity, const std::filesystem::path& folder) {
+  const auto channel = client::make_channel(identity.server);
+  return [&lease, channel, file = folder / "checkpoint.new"](const std::string& bytes, const std::stop_token& stop) {
+    std::ofstream out(file, std::ios::binary | std::ios::trunc);
+    out.write(bytes.data(), static_cast<std::streamsize>(bytes.size()));
+    out.close();
+    if (!out) throw FileError(file.filename().string() + " cannot be written");
+    client::CallSettings settings = lease.transfer_settings();
+    settings.stop = stop;
+    const client::FileDigest sent = client::BlobTransfer(channel, settings).upload(file);
+    v1::Checkpoint checkpoint;
+    checkpoint.set_digest(sent.digest);
+    checkpoint.set_size(sent.size);
+    lease.put_checkpoint(checkpoint, stop);
+  };
+}
+
+/// Runs the registration with checkpoints; the names of the files in `results`.
+std::vector<std::string> register_with_checkpoints(const RegistrationTask& task, Lease& lease,
+                                                   const AttemptIdentity& identity,
+                                                   const std::optional<std::filesystem::path>& checkpoint,
+                                                   const std::filesystem::path& folder,
+                                                   const std::filesystem::path& results) {
+  const auto interval =
+      std::chrono::milliseconds(static_cast<std::int64_t>(1000 * lease.terms().checkpoint_interval_seconds()));
+  CheckpointKeeper keeper(interval, put_with(lease, identity, folder), lease.stop_token());
+  bool is_unfit = !checkpoint, is_resumed = false;
+  TaskCheckpoints checkpoints;
+  checkpoints.resume = checkpoint;
+  checkpoints.offer = [&keeper](const Progress&, const MakeCheckpoint& make) { keeper.offer(make); };
+  checkpoints.on_unfit = [&is_unfit](const std::string& why) {
+    is_unfit = true;
+    std::cerr << "saltus-worker: the checkpoint is dropped: " << why << std::endl;
+  };
+  const auto observe = [&](TaskStage stage, const Progress& progress) {
+    v1::JobProgress message = progress_of(stage, progress);
+    is_resumed = is_resumed || (!is_unfit && progress.levels > 0);
+    message.set_checkpoints(keeper.kept());
+    message.set_is_resumed(is_resumed);
+    lease.set_progress(message);
+    return lease.stop_reason() == StopReason::None ? ProgressAnswer::Continue : ProgressAnswer::Stop;
+  };
+  return run_registration_task(task, results, observe, checkpoints);
+}
+
 WorkerExit work(Lease& lease, const AttemptIdentity& identity, const std::filesystem::path& folder) {
   client::BlobTransfer blobs(client::make_channel(identity.server), lease.transfer_settings());
   try {
     report_stage(lease, v1::JOB_STAGE_FETCHING);
     const RegistrationTask task = fetch_task(lease.terms(), blobs, folder);
+    const auto checkpoint = fetch_checkpoint(lease.terms(), blobs, folder);
 
     const std::filesystem::path results = folder / "results";
     std::filesystem::create_directory(results);
-    const auto names = run_registration_task(task, results, [&lease](TaskStage stage, const Progress& progress) {
-      lease.set_progress(progress_of(stage, progress));
-      return lease.stop_reason() == StopReason::None ? ProgressAnswer::Continue : ProgressAnswer::Stop;
-    });
+    const auto names = register_with_checkpoints(task, lease, identity, checkpoint, folder, results);
 
     std::vector<v1::Artifact> artifacts;
     for (const std::string& name : names) {
@@ -146,6 +230,7 @@ WorkerExit work(Lease& lease, const AttemptIdentity& identity, const std::filesy
   } catch (const TaskStopped&) {
     return finish_stopped(lease);
   } catch (const TaskFailure& failure) {
+    release_reserve();
     lease.complete_failure(failure.reason(), fit_for_transport(failure.what()));
     return OutcomeReported;
   } catch (const client::ClientError& error) {
@@ -158,7 +243,36 @@ WorkerExit work(Lease& lease, const AttemptIdentity& identity, const std::filesy
       return OutcomeReported;
     }
     throw;
+  } catch (const std::bad_alloc&) {
+    report_memory_limit(lease);
+    return OutcomeReported;
   }
+}
+
+/// For the handler below, which takes no arguments.
+Lease* lease_of_process = nullptr;
+WorkFolder* folder_of_process = nullptr;
+
+/// An exception that nothing catches ends the process; thrown in a loop of many threads none can be caught outside of
+/// it. When it is for want of memory, the daemon is told first: the same input would come to the same end again.
+void report_and_end() {
+  release_reserve();
+  try {
+    if (const auto error = std::current_exception()) std::rethrow_exception(error);
+  } catch (const std::bad_alloc&) {
+    try {
+      report_memory_limit(*lease_of_process);
+      folder_of_process->remove();
+      _exit(OutcomeReported);
+    } catch (const std::exception& error) {
+      std::cerr << "saltus-worker: out of memory, which could not be reported: " << error.what() << std::endl;
+    }
+  } catch (const std::exception& error) {
+    std::cerr << "saltus-worker: " << error.what() << std::endl;
+  } catch (...) {
+    std::cerr << "saltus-worker: an exception of an unknown type" << std::endl;
+  }
+  std::abort();
 }
 
 }  // namespace
@@ -169,14 +283,20 @@ WorkerExit run_attempt(const AttemptIdentity& identity) {
     Lease lease(identity, [&folder](Lease& late) {
       // The solver is deep in one evaluation, or in ITK, and does not look up. What it would make is not wanted.
       try {
-        if (late.stop_reason() == StopReason::Cancelled) late.complete_cancelled();
+        report_stopped(late);
       } catch (const client::ClientError& error) {
-        std::cerr << "saltus-worker: the cancellation could not be reported: " << error.what() << std::endl;
+        std::cerr << "saltus-worker: the outcome could not be reported: " << error.what() << std::endl;
       }
       folder.remove();
       _exit(exit_for(late.stop_reason()));
     });
-    return work(lease, identity, folder.path());
+    lease_of_process = &lease;
+    folder_of_process = &folder;
+    std::set_terminate(report_and_end);
+    limit_process(lease.terms().limits().memory_bytes(), lease.terms().limits().cpu_seconds(), lease.terms().threads());
+    const WorkerExit exit = work(lease, identity, folder.path());
+    std::set_terminate(std::abort);
+    return exit;
   } catch (const client::ClientError& error) {
     return exit_for(error);
   } catch (const std::exception& error) {

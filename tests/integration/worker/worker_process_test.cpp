@@ -1,0 +1,180 @@
+// The worker's program against a daemon that the test plays.
+#include "core/image_io/write_image.h"
+#include "tests/support/blob_pair.h"
+#include "tests/support/child_process.h"
+#include "tests/support/fake_daemon.h"
+#include "tests/support/fake_worker_service.h"
+
+#include <gmock/gmock.h>
+
+#include <csignal>
+
+namespace saltus::worker {
+namespace {
+
+using testing::HasSubstr;
+using testing_support::blob_scene;
+using testing_support::ChildProcess;
+using testing_support::content_of;
+using testing_support::ProcessHandle;
+
+class WorkerProcess : public testing::Test {
+ protected:
+  WorkerProcess() {
+    service.terms.set_threads(1);
+    service.terms.set_lease_seconds(60);
+    service.terms.set_heartbeat_interval_seconds(0.05);
+    folder.write("token", "secret");
+    std::filesystem::create_directory(folder / "tmp");
+    use_images(48);
+    auto& settings = *service.terms.mutable_spec()->mutable_settings();
+    settings["tolerance"] = "0";
+    settings["max_iterations"] = "60";
+    service.terms.mutable_spec()->set_preset("fast");
+    service.terms.mutable_spec()->set_output_format("mha");
+  }
+
+  void use_images(int extent) {
+    const auto upload = [&](const std::string& name, double shift) {
+      write_volume(folder / (name + ".mha"), blob_scene(extent, shift));
+      return blobs.put(content_of(folder / (name + ".mha")));
+    };
+    auto& spec = *service.terms.mutable_spec();
+    spec.mutable_fixed()->set_digest(upload("fixed", 0));
+    spec.mutable_fixed()->set_format("mha");
+    spec.mutable_moving()->set_digest(upload("moving", 3));
+    spec.mutable_moving()->set_format("mha");
+  }
+  void make_it_last() {
+    (*service.terms.mutable_spec()->mutable_settings())["max_iterations"] = "10000";
+    (*service.terms.mutable_spec()->mutable_settings())["levels"] = "1";
+  }
+
+  ChildProcess start() {
+    return ChildProcess({SALTUS_WORKER, "--server", daemon.settings().address, "--job", "job-1", "--attempt", "1",
+                         "--token-file", folder / "token"},
+                        {{"TMPDIR", (folder / "tmp").string()}});
+  }
+  std::string run() {
+    ChildProcess worker = start();
+    EXPECT_EQ(worker.wait(), 0) << worker.err();
+    return worker.err();
+  }
+  /// Runs until the attempt has put `count` checkpoints in safety, and kills it then.
+  v1::Checkpoint killed_after(std::size_t count) {
+    service.terms.set_checkpoint_interval_seconds(0.001);
+    service.checkpoints.clear();
+    ChildProcess worker = start();
+    v1::Checkpoint last;
+    bool is_over = false;
+    service.wait_until([&] {
+      if (!service.checkpoints.empty()) last = service.checkpoints.back();
+      is_over = service.outcome.has_value();
+      return service.checkpoints.size() >= count || is_over;
+    });
+    EXPECT_FALSE(is_over) << "the work was over too early to show anything";
+    worker.signal(SIGKILL);
+    EXPECT_EQ(worker.wait(), 128 + SIGKILL);
+    return last;
+  }
+  std::map<std::string, std::string> results() const {
+    std::map<std::string, std::string> digests;
+    for (const v1::Artifact& artifact : service.outcome->success().artifacts())
+      digests[artifact.name()] = artifact.digest();
+    return digests;
+  }
+  void expect_same_results(const std::map<std::string, std::string>& expected) {
+    ASSERT_TRUE(service.outcome && service.outcome->has_success());
+    const auto found = results();
+    for (const char* name : {"displacement.mha", "inverse_displacement.mha", "momentum_1_order0.mha"})
+      EXPECT_EQ(found.at(name), expected.at(name)) << name;
+  }
+
+  testing_support::TemporaryFolder folder;
+  testing_support::FakeBlobs blobs;
+  testing_support::FakeWorkerService service;
+  testing_support::FakeDaemon daemon{&blobs, &service};
+};
+
+TEST_F(WorkerProcess, GoesOnFromACheckpointToTheSameBits) {
+  (*service.terms.mutable_spec()->mutable_settings())["max_iterations"] = "100";
+  run();
+  const auto expected = results();
+  service.outcome.reset();
+
+  *service.terms.mutable_checkpoint() = killed_after(2);
+  service.terms.clear_checkpoint_interval_seconds();
+  bool is_resumed = false;
+  ChildProcess second = start();
+  service.wait_until([&] {
+    is_resumed = is_resumed || service.last_heartbeat.progress().is_resumed();
+    return service.outcome.has_value();
+  });
+  EXPECT_EQ(second.wait(), 0) << second.err();
+  EXPECT_TRUE(is_resumed);
+  EXPECT_EQ(second.err(), "");
+  expect_same_results(expected);
+}
+
+TEST_F(WorkerProcess, DropsACheckpointOfAnotherJobAndSaysSo) {
+  run();
+  const auto expected = results();
+  service.outcome.reset();
+  auto& settings = *service.terms.mutable_spec()->mutable_settings();
+  settings["regularisation"] = "0.5";
+  *service.terms.mutable_checkpoint() = killed_after(1);
+  settings.erase("regularisation");
+  EXPECT_THAT(run(), HasSubstr("the checkpoint is dropped: the checkpoint belongs to another registration"));
+  expect_same_results(expected);
+}
+
+TEST_F(WorkerProcess, DropsACheckpointThatIsNoneOrNotThere) {
+  run();
+  const auto expected = results();
+  for (const std::string& digest : {blobs.put("no checkpoint"), testing_support::digest_of("never stored")}) {
+    service.outcome.reset();
+    service.terms.mutable_checkpoint()->set_digest(digest);
+    EXPECT_THAT(run(), HasSubstr("the checkpoint is dropped"));
+    expect_same_results(expected);
+  }
+}
+
+TEST_F(WorkerProcess, FailsWithMemoryLimitWhenItNeedsMoreThanItMay) {
+  use_images(1000);
+  service.terms.mutable_limits()->set_memory_bytes(8 << 20);
+  run();
+  ASSERT_TRUE(service.outcome && service.outcome->has_failure());
+  EXPECT_EQ(service.outcome->failure().reason(), "MEMORY_LIMIT") << service.outcome->failure().message();
+  EXPECT_TRUE(std::filesystem::is_empty(folder / "tmp"));
+}
+
+TEST_F(WorkerProcess, FailsWithCpuTimeWhenItUsesMoreThanItMay) {
+  make_it_last();
+  service.terms.mutable_limits()->set_cpu_seconds(1);
+  run();
+  ASSERT_TRUE(service.outcome && service.outcome->has_failure());
+  EXPECT_EQ(service.outcome->failure().reason(), "CPU_TIME");
+  EXPECT_TRUE(std::filesystem::is_empty(folder / "tmp"));
+}
+
+TEST_F(WorkerProcess, TellsWhatItUsesAndStaysWithinSmallLimits) {
+  make_it_last();
+  ChildProcess worker = start();
+  v1::JobProgress progress;
+  service.wait_until([&] {
+    progress = service.last_heartbeat.progress();
+    return progress.stage() == v1::JOB_STAGE_OPTIMISING && progress.cpu_seconds() > 0;
+  });
+  EXPECT_GT(progress.memory_bytes(), 1 << 20);
+  EXPECT_LT(progress.memory_bytes(), std::int64_t{8} << 30);
+  const std::string process = "/proc/" + std::to_string(worker.id());
+  EXPECT_EQ(content_of(process + "/oom_score_adj"), "500\n");
+  const std::string limits = content_of(process + "/limits");
+  EXPECT_THAT(limits, testing::ContainsRegex("Max core file size +0 +0 "));
+  EXPECT_THAT(limits, testing::ContainsRegex("Max open files +1024 +1024 "));
+  worker.signal(SIGKILL);
+  worker.wait();
+}
+
+}  // namespace
+}  // namespace saltus::worker
