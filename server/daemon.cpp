@@ -28,7 +28,7 @@ Daemon::Daemon(const DaemonSettings& settings, std::function<void(const std::str
   LocalLauncher* local = nullptr;
   if (!parts.launcher) {
     auto made = std::make_unique<LocalLauncher>(
-        LocalLauncherSettings{settings.worker, settings.listen.to_text(), directory_.run(), directory_.logs()});
+        LocalLauncherSettings{settings.worker, settings.listen.to_text(), directory_.run(), directory_.logs(), directory_.work()});
     local = made.get();
     parts.launcher = std::move(made);
   }
@@ -36,7 +36,7 @@ Daemon::Daemon(const DaemonSettings& settings, std::function<void(const std::str
   jobs_ = std::make_unique<JobManager>(
       *store_, *blobs_, *launcher_, clock_, ids_, settings.jobs, [this] { wake(); }, settings.log);
   jobs_->recover();
-  if (local) local->remove_stale_tokens();
+  if (local) local->remove_stale_files();
   ListenAddress listen = settings.listen;
   const bool is_socket = listen.kind == ListenAddress::Kind::UnixSocket;
   if (is_socket) require_nobody_listens(listen.path);

@@ -14,6 +14,7 @@
 #include <algorithm>
 #include <cerrno>
 #include <cstring>
+#include <set>
 #include <stdexcept>
 #include <system_error>
 #include <vector>
@@ -40,6 +41,20 @@ void write_secret(const fs::path& file, const std::string& text) {
   ::close(descriptor);
   if (count != static_cast<ssize_t>(text.size())) fail(code, "cannot write the token file");
 }
+
+class FileDescriptor {
+ public:
+  explicit FileDescriptor(int descriptor) : descriptor_(descriptor) {}
+  ~FileDescriptor() {
+    if (descriptor_ >= 0) ::close(descriptor_);
+  }
+  FileDescriptor(const FileDescriptor&) = delete;
+  FileDescriptor& operator=(const FileDescriptor&) = delete;
+  int get() const { return descriptor_; }
+
+ private:
+  int descriptor_;
+};
 
 class SpawnPlan {
  public:
@@ -84,15 +99,20 @@ class SpawnPlan {
   posix_spawnattr_t attributes_;
 };
 
-std::vector<std::string> environment_with_threads(int threads) {
-  std::vector<std::string> result;
+std::vector<std::string> worker_environment(int threads, const fs::path& temporary_files) {
+  const std::vector<std::string> own{
+      "OMP_NUM_THREADS=" + std::to_string(threads),
+      // Several workers share the machine: threads that wait must not spin on the cores of the others.
+      "OMP_WAIT_POLICY=PASSIVE",
+      "TMPDIR=" + temporary_files.string(),
+  };
+  const auto is_own = [&own](std::string_view variable) {
+    const auto name = variable.substr(0, variable.find('=') + 1);
+    return std::any_of(own.begin(), own.end(), [name](const std::string& text) { return text.starts_with(name); });
+  };
+  std::vector<std::string> result = own;
   for (char** variable = environ; *variable; ++variable)
-    if (!std::string_view(*variable).starts_with("OMP_NUM_THREADS=") &&
-        !std::string_view(*variable).starts_with("OMP_WAIT_POLICY="))
-      result.emplace_back(*variable);
-  result.push_back("OMP_NUM_THREADS=" + std::to_string(threads));
-  // Several workers share the machine: threads that wait must not spin on the cores of the others.
-  result.push_back("OMP_WAIT_POLICY=PASSIVE");
+    if (!is_own(*variable)) result.emplace_back(*variable);
   return result;
 }
 
@@ -144,26 +164,40 @@ fs::path LocalLauncher::log_file(const AttemptKey& key) const {
   return settings_.logs / (key.job_id + "-" + std::to_string(key.attempt) + ".log");
 }
 
+fs::path LocalLauncher::work_folder(const AttemptKey& key) const {
+  return settings_.work / (key.job_id + "-" + std::to_string(key.attempt));
+}
+
+void LocalLauncher::remove_files(const AttemptKey& key) const {
+  std::error_code ignored;  // files that are not there any more are no loss
+  fs::remove(token_file(key), ignored);
+  fs::remove_all(work_folder(key), ignored);
+}
+
 std::string LocalLauncher::start(const LaunchRequest& request) {
-  const AttemptKey& key = request.key;
-  write_secret(token_file(key), request.token);
-  remove_old_logs();
-  const int log = ::open(log_file(key).c_str(), O_WRONLY | O_CREAT | O_TRUNC | O_APPEND | O_CLOEXEC, 0600);
-  if (log < 0) fail(errno, "cannot write the worker's log");
-  // Held until the worker is listed, so that is_idle() cannot miss it.
-  std::lock_guard lock(mutex_);
-  pid_t pid = 0;
   try {
-    pid = SpawnPlan(log).spawn({settings_.worker.string(), "--server", settings_.server_address, "--job", key.job_id,
-                                "--attempt", std::to_string(key.attempt), "--token-file", token_file(key).string()},
-                               environment_with_threads(request.threads));
+    return start_process(request);
   } catch (...) {
-    ::close(log);
-    fs::remove(token_file(key));
-    fs::remove(log_file(key));
+    remove_files(request.key);
+    std::error_code ignored;
+    fs::remove(log_file(request.key), ignored);
     throw;
   }
-  ::close(log);
+}
+
+std::string LocalLauncher::start_process(const LaunchRequest& request) {
+  const AttemptKey& key = request.key;
+  write_secret(token_file(key), request.token);
+  fs::create_directories(work_folder(key));
+  remove_old_logs();
+  const FileDescriptor log(::open(log_file(key).c_str(), O_WRONLY | O_CREAT | O_TRUNC | O_APPEND | O_CLOEXEC, 0600));
+  if (log.get() < 0) fail(errno, "cannot write the worker's log");
+  // Held until the worker is listed, so that is_idle() cannot miss it.
+  std::lock_guard lock(mutex_);
+  const pid_t pid =
+      SpawnPlan(log.get()).spawn({settings_.worker.string(), "--server", settings_.server_address, "--job", key.job_id,
+                                  "--attempt", std::to_string(key.attempt), "--token-file", token_file(key).string()},
+                                 worker_environment(request.threads, work_folder(key)));
   // The process, even when it has ended already, stays until it is reaped: its number cannot be another's.
   const int descriptor = open_process(pid);
   if (descriptor < 0) {
@@ -256,8 +290,8 @@ void LocalLauncher::reap(const AttemptKey& key, Worker& worker) {
     else
       exit = {WorkerExit::Kind::Exited, WEXITSTATUS(status)};
   }
-  std::error_code ignored;  // files that are not there any more are no loss
-  fs::remove(token_file(key), ignored);
+  remove_files(key);
+  std::error_code ignored;
   if (exit.kind == WorkerExit::Kind::Exited && exit.number == 0) fs::remove(log_file(key), ignored);
   handler_(key, exit);
   std::lock_guard lock(mutex_);
@@ -287,12 +321,15 @@ void LocalLauncher::remove_old_logs() {
   for (std::size_t i = 0; i < logs.size() - settings_.max_logs; ++i) fs::remove(logs[i].second);
 }
 
-void LocalLauncher::remove_stale_tokens() {
+void LocalLauncher::remove_stale_files() {
   std::lock_guard lock(mutex_);
-  std::vector<fs::path> kept;
-  for (const auto& [key, worker] : workers_) kept.push_back(token_file(key));
-  for (const auto& entry : fs::directory_iterator(settings_.run))
-    if (std::find(kept.begin(), kept.end(), entry.path()) == kept.end()) fs::remove(entry.path());
+  std::set<fs::path> kept;
+  for (const auto& [key, worker] : workers_) kept.insert({token_file(key), work_folder(key)});
+  for (const fs::path& folder : {settings_.run, settings_.work}) {
+    if (!fs::exists(folder)) continue;
+    for (const auto& entry : fs::directory_iterator(folder))
+      if (!kept.contains(entry.path())) fs::remove_all(entry.path());
+  }
 }
 
 }  // namespace saltus::server

@@ -18,6 +18,7 @@ struct LocalLauncherSettings {
   std::string server_address;    ///< where workers find the daemon
   std::filesystem::path run;     ///< for token files
   std::filesystem::path logs;    ///< for what workers print
+  std::filesystem::path work;    ///< for a folder of temporary files for each worker; made when missing
   std::int64_t max_log_bytes = 1 << 20;
   std::size_t max_logs = 64;  ///< the oldest go first
 };
@@ -25,7 +26,7 @@ struct LocalLauncherSettings {
 /// Workers as processes on this machine, each in a process group of its own that is ended with it. The token goes
 /// through a file that only the owner can read: arguments and environment are visible to others. What a worker prints
 /// goes to a file that is emptied when it grows too long, and removed when the worker ends well; of the others the
-/// newest are kept.
+/// newest are kept. Temporary files of a worker go with it.
 ///
 /// A worker outlives the launcher, so that a restarted daemon can adopt it.
 class LocalLauncher final : public Launcher {
@@ -42,11 +43,12 @@ class LocalLauncher final : public Launcher {
 
   /// To be set before the first start: a port is only known after listening.
   void set_server_address(const std::string& address);
-  /// Removes the token files of workers that are neither started nor adopted.
-  void remove_stale_tokens();
+  /// Removes the tokens and temporary files of workers that are neither started nor adopted.
+  void remove_stale_files();
 
  private:
   struct Worker;
+  std::string start_process(const LaunchRequest& request);
   void watch();
   void wake();
   void reap(const AttemptKey& key, Worker& worker);
@@ -55,6 +57,8 @@ class LocalLauncher final : public Launcher {
   void remove_old_logs();
   std::filesystem::path token_file(const AttemptKey& key) const;
   std::filesystem::path log_file(const AttemptKey& key) const;
+  std::filesystem::path work_folder(const AttemptKey& key) const;
+  void remove_files(const AttemptKey& key) const;
 
   LocalLauncherSettings settings_;
   ExitHandler handler_;

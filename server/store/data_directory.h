@@ -21,6 +21,7 @@ class DataDirectory {
   std::filesystem::path uploads() const { return root_ / "uploads"; }
   std::filesystem::path run() const { return root_ / "run"; }
   std::filesystem::path logs() const { return root_ / "logs"; }
+  std::filesystem::path work() const { return root_ / "work"; }
 
  private:
   std::filesystem::path root_;

@@ -235,6 +235,7 @@ TEST_F(ServerTest, ACancelledJobStopsItsWorkerSoon) {
   EXPECT_THAT(watch.err(), HasSubstr("was cancelled"));
   EXPECT_EQ(get(id)["state"], "CANCELLED");
   EXPECT_TRUE(std::filesystem::is_empty(folder / "tmp")) << "the worker left files";
+  EXPECT_TRUE(std::filesystem::is_empty(folder / "data" / "work")) << "the worker left files";
   EXPECT_EQ(run(here({"fetch", id, "--out", folder / "out"})).exit_code, 4);
 }
 

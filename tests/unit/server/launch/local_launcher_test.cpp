@@ -33,7 +33,7 @@ class LocalLauncherTest : public ::testing::Test {
         folder.write("worker", "#!/bin/sh\nfolder=" + folder.path().string() + "\n" + script + "\n");
     fs::permissions(program, fs::perms::owner_all);
     launcher = std::make_unique<LocalLauncher>(
-        LocalLauncherSettings{program, "unix:/nowhere", folder / "run", folder / "logs"});
+        LocalLauncherSettings{program, "unix:/nowhere", folder / "run", folder / "logs", folder / "work"});
     launcher->on_exit([this](const AttemptKey& key, const WorkerExit& exit) {
       std::lock_guard lock(mutex);
       exits[key] = exit;
@@ -153,6 +153,39 @@ TEST_F(LocalLauncherTest, AProgramThatIsNotThereIsAnError) {
   EXPECT_THROW(launcher->start({key, "t", 1}), std::runtime_error);
   EXPECT_TRUE(launcher->is_idle());
   EXPECT_TRUE(fs::is_empty(folder / "run"));
+  EXPECT_TRUE(fs::is_empty(folder / "logs"));
+  EXPECT_TRUE(fs::is_empty(folder / "work"));
+}
+
+TEST_F(LocalLauncherTest, ALogThatCannotBeWrittenLeavesNothing) {
+  use_script("exit 0");
+  fs::create_directory(folder / "logs/job-1.log");
+  EXPECT_THROW(launcher->start({key, "t", 1}), std::runtime_error);
+  EXPECT_TRUE(fs::is_empty(folder / "run"));
+  EXPECT_TRUE(fs::is_empty(folder / "work"));
+}
+
+TEST_F(LocalLauncherTest, TemporaryFilesAreTheDaemonsAndGoWithTheWorker) {
+  make_pipe("where");
+  use_script("touch $TMPDIR/left; echo $TMPDIR > $folder/where; exec sleep 1000");
+  launcher->start({key, "t", 1});
+  EXPECT_EQ(content_of(folder / "where"), (folder / "work/job-1").string() + "\n");
+  EXPECT_TRUE(fs::exists(folder / "work/job-1/left"));
+  launcher->kill(key);
+  exit_of(key);
+  EXPECT_TRUE(fs::is_empty(folder / "work"));
+}
+
+TEST_F(LocalLauncherTest, ReadsNothingAndLeadsAGroupOfItsOwn) {
+  use_script(
+      "cat; read -r line < /proc/$$/stat; echo \"$line\" > $folder/stat; echo $OMP_WAIT_POLICY > $folder/policy");
+  launcher->start({key, "t", 1});
+  EXPECT_EQ(exit_of(key).number, 0);
+  std::istringstream stat(content_of(folder / "stat"));
+  std::string pid, name, state, parent, group;
+  stat >> pid >> name >> state >> parent >> group;
+  EXPECT_EQ(group, pid);
+  EXPECT_EQ(content_of(folder / "policy"), "PASSIVE\n");
 }
 
 TEST_F(LocalLauncherTest, AWorkerOutlivesTheLauncherAndIsAdoptedByTheNext) {
@@ -180,15 +213,19 @@ TEST_F(LocalLauncherTest, AnotherProcessOfTheSameNumberIsNotAdopted) {
   EXPECT_FALSE(launcher->adopt(key, "no identity"));
 }
 
-TEST_F(LocalLauncherTest, StaleTokensAreRemoved) {
+TEST_F(LocalLauncherTest, StaleTokensAndTemporaryFilesAreRemoved) {
   make_pipe("ready");
   use_script("echo > $folder/ready; exec sleep 1000");
   folder.write("run/old-1.token", "x");
+  fs::create_directories(folder / "work/old-1");
+  folder.write("work/old-1/image.mha", "x");
   launcher->start({key, "t", 1});
   content_of(folder / "ready");
-  launcher->remove_stale_tokens();
+  launcher->remove_stale_files();
   EXPECT_FALSE(fs::exists(folder / "run/old-1.token"));
   EXPECT_TRUE(fs::exists(folder / "run/job-1.token"));
+  EXPECT_FALSE(fs::exists(folder / "work/old-1"));
+  EXPECT_TRUE(fs::exists(folder / "work/job-1"));
   launcher->kill(key);
   exit_of(key);
 }
