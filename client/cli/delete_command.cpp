@@ -15,7 +15,7 @@ namespace {
 
 struct DeleteOptions {
   std::string id;
-  std::string server;
+  ServerChoice server;
   bool as_json = false;
 };
 

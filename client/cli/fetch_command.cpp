@@ -17,7 +17,7 @@ namespace {
 struct FetchOptions {
   std::string id;
   std::string out;
-  std::string server;
+  ServerChoice server;
   bool as_json = false;
 };
 

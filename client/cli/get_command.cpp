@@ -16,7 +16,7 @@ namespace {
 
 struct GetOptions {
   std::string id;
-  std::string server;
+  ServerChoice server;
   bool as_json = false;
 };
 

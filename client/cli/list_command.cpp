@@ -17,7 +17,7 @@ namespace {
 struct ListOptions {
   std::string state;
   int limit = 50;
-  std::string server;
+  ServerChoice server;
   bool as_json = false;
 };
 

@@ -27,7 +27,7 @@ namespace {
 struct RegisterOptions {
   JobOptions job;
   std::string out;
-  std::string server;
+  ServerChoice server;
   bool as_json = false;
 };
 
@@ -41,11 +41,11 @@ class InterruptibleJob {
   std::stop_token stop_token() const { return stop_.get_token(); }
   bool is_interrupted() const { return interrupts_.count() > 0; }
 
-  v1::RegistrationJob create(const std::string& address, const v1::RegistrationSpec& spec) {
+  v1::RegistrationJob create(const ServerChoice& server, const v1::RegistrationSpec& spec) {
     {
       std::lock_guard lock(mutex_);
       if (is_interrupted()) throw client::ClientError(grpc::StatusCode::CANCELLED, "STOPPED", "interrupted");
-      client_.emplace(call_settings(address));
+      client_.emplace(call_settings(server));
     }
     const v1::RegistrationJob job = client_->create(spec);
     std::lock_guard lock(mutex_);
@@ -78,11 +78,11 @@ class InterruptibleJob {
   Interrupts interrupts_;
 };
 
-int register_on(const std::string& address, const RegisterOptions& options, v1::RegistrationSpec spec,
+int register_on(const ServerChoice& server, const RegisterOptions& options, v1::RegistrationSpec spec,
                 InterruptibleJob& interruptible, std::chrono::milliseconds watch_patience) {
-  client::RegistrationClient client(call_settings(address, interruptible.stop_token()));
+  client::RegistrationClient client(call_settings(server, interruptible.stop_token()));
   upload_inputs(client, options.job, spec);
-  v1::RegistrationJob job = interruptible.create(address, spec);
+  v1::RegistrationJob job = interruptible.create(server, spec);
   {
     ProgressDisplay display(std::cerr, display_style_of_stderr());
     const auto show = [&display](const v1::RegistrationJob& now) { display.show(now); };
@@ -132,11 +132,11 @@ int register_images(const RegisterOptions& options) {
   // Made before the daemon and ended after it, so that no interrupt leaves its folder behind.
   InterruptibleJob interruptible;
   try {
-    if (!options.server.empty())
+    if (!options.server.address.empty())
       return register_on(options.server, options, spec, interruptible, std::chrono::seconds(60));
     const PrivateDaemon daemon;
     // Nobody restarts a private daemon: when it is gone, it stays away.
-    return register_on(daemon.address(), options, spec, interruptible, std::chrono::seconds(2));
+    return register_on({daemon.address(), {}, {}, {}}, options, spec, interruptible, std::chrono::seconds(2));
   } catch (const client::ClientError& error) {
     if (!interruptible.is_interrupted() || error.code() != grpc::StatusCode::CANCELLED) throw;
     std::cerr << "saltus: interrupted" << std::endl;
@@ -153,9 +153,10 @@ void add_register_command(CLI::App& app, int& exit_code) {
   command->add_option("--out", options->out, "Folder for the result, made if need be (required)")->type_name("DIR");
   // SALTUS_SERVER is for the commands that need a server; here none means a private one.
   command
-      ->add_option("--server", options->server,
+      ->add_option("--server", options->server.address,
                    "Address of saltusd, unix:/path or host:port; without it a private one is started and stopped")
       ->type_name("ADDRESS");
+  add_tls_options(*command, options->server);
   command->add_flag("--json", options->as_json, "Print job and report as JSON");
   command->footer(
       "Ctrl-C cancels the job. Exit codes: 0 done, 1 failed, 2 usage, 3 server not reachable, 4 cancelled.\n"

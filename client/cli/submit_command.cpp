@@ -16,7 +16,7 @@ namespace {
 
 struct SubmitOptions {
   JobOptions job;
-  std::string server;
+  ServerChoice server;
   bool as_json = false;
 };
 

@@ -4,6 +4,7 @@
 
 #include <grpcpp/create_channel.h>
 #include <grpcpp/grpcpp.h>
+#include <grpcpp/security/credentials.h>
 
 #include <algorithm>
 #include <condition_variable>
@@ -24,7 +25,7 @@ std::chrono::milliseconds shortened_at_random(std::chrono::milliseconds delay) {
 
 }  // namespace
 
-std::shared_ptr<grpc::Channel> make_channel(const std::string& address) {
+std::shared_ptr<grpc::Channel> make_channel(const std::string& address, const TlsIdentity& tls) {
   grpc::ChannelArguments arguments;
   arguments.SetInt(GRPC_ARG_KEEPALIVE_TIME_MS, 30000);
   arguments.SetInt(GRPC_ARG_KEEPALIVE_TIMEOUT_MS, 10000);
@@ -34,7 +35,9 @@ std::shared_ptr<grpc::Channel> make_channel(const std::string& address) {
   // Channels with equal arguments share one connection unless told otherwise.
   arguments.SetInt(GRPC_ARG_USE_LOCAL_SUBCHANNEL_POOL, 1);
   arguments.SetInt(GRPC_ARG_ENABLE_HTTP_PROXY, 0);
-  return grpc::CreateCustomChannel(address, grpc::InsecureChannelCredentials(), arguments);
+  const auto credentials = tls.is_set() ? grpc::SslCredentials({tls.authority, tls.key, tls.certificate})
+                                        : grpc::InsecureChannelCredentials();
+  return grpc::CreateCustomChannel(address, credentials, arguments);
 }
 
 bool wait_for(const std::stop_token& stop, std::chrono::milliseconds time) {

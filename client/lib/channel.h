@@ -19,9 +19,19 @@ struct RetryPolicy {
   std::chrono::milliseconds patience{5000};  ///< from the first failure; 0: no retries
 };
 
+/// Mutual TLS, as the contents of PEM files: whom to believe, and who we are. Empty for an address on this machine.
+struct TlsIdentity {
+  std::string authority;    ///< of the daemon's certificate
+  std::string certificate;  ///< ours
+  std::string key;          ///< of our certificate
+
+  bool is_set() const { return !certificate.empty(); }
+};
+
 /// What every call of one client has in common.
 struct CallSettings {
   std::string address;  ///< named in errors
+  TlsIdentity tls{};
   RetryPolicy retry;
   std::chrono::milliseconds unary_deadline{30000};
   std::stop_token stop;  ///< when requested, running calls end with CANCELLED and waits end early
@@ -29,7 +39,7 @@ struct CallSettings {
 
 /// A channel with a connection of its own, so that a slow stream on one never delays another.
 /// `address`: "unix:/path" or "host:port". Keepalive 30 s, 10 s to answer; proxies of the environment are ignored.
-std::shared_ptr<grpc::Channel> make_channel(const std::string& address);
+std::shared_ptr<grpc::Channel> make_channel(const std::string& address, const TlsIdentity& tls = {});
 
 /// What a call may last: a unary call has CallSettings::unary_deadline, a stream lasts as long as it moves.
 enum class CallKind { Unary, Stream };

@@ -35,7 +35,7 @@ bool is_terminal(v1::JobState state) {
 
 RegistrationClient::RegistrationClient(CallSettings settings)
     : settings_(std::move(settings)),
-      channel_(make_channel(settings_.address)),
+      channel_(make_channel(settings_.address, settings_.tls)),
       stub_(v1::RegistrationService::NewStub(channel_)),
       info_stub_(v1::ServerInfoService::NewStub(channel_)),
       blobs_(channel_, settings_) {}
@@ -96,7 +96,7 @@ v1::RegistrationJob RegistrationClient::watch(const std::string& id,
                                               const std::function<void(const v1::RegistrationJob&)>& seen,
                                               std::chrono::milliseconds watch_patience) {
   // A watcher sits on its stream for hours; on the common connection it would take a slot from the others.
-  const auto stub = v1::RegistrationService::NewStub(make_channel(settings_.address));
+  const auto stub = v1::RegistrationService::NewStub(make_channel(settings_.address, settings_.tls));
   CallSettings settings = settings_;
   settings.retry.patience = watch_patience;
   v1::WatchRegistrationJobRequest request;

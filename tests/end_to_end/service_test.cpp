@@ -1,6 +1,7 @@
 #include "core/image_io/read_image.h"
 #include "core/image_io/write_image.h"
 #include "tests/support/blob_pair.h"
+#include "tests/support/certificates.h"
 #include "tests/support/child_process.h"
 #include "tests/support/temporary_folder.h"
 
@@ -272,6 +273,48 @@ TEST_F(ServerTest, RegistersOnAGivenServer) {
   EXPECT_EQ(outcome.exit_code, 0) << outcome.err;
   expect_shift(folder / "out" / "displacement.mha");
   EXPECT_EQ(json::parse(run(here({"list", "--json"})).out).size(), 1u) << "the job stays on the server";
+}
+
+/// A daemon that listens with mutual TLS too, and who comes from elsewhere.
+class ProtectedServerTest : public EndToEnd {
+ protected:
+  void SetUp() override {
+    EndToEnd::SetUp();
+    const auto certificate = authority.server();
+    folder.write("roles", "a@hospital.example = submitter\nb@hospital.example = submitter\n");
+    daemon.emplace(std::vector<std::string>{programs + "/saltusd", "--data", folder / "data", "--listen", "127.0.0.1:0",
+                                            "--tls-cert", folder.write("server.pem", certificate.pem()), "--tls-key",
+                                            folder.write("server.key", certificate.key_pem()), "--tls-client-ca",
+                                            folder.write("ca.pem", authority.root.pem()), "--roles", folder / "roles"},
+                   environment());
+    const std::string said = "listening on 127", line = daemon->wait_for_output("with mutual TLS");
+    address = line.substr(line.find(said) + said.size() - 3);
+    address = address.substr(0, address.find(' '));
+  }
+  /// `arguments` as somebody with a certificate gives them.
+  std::vector<std::string> as(const std::string& name, std::vector<std::string> arguments) const {
+    const auto certificate = authority.issue(name, "email:" + name + "@hospital.example");
+    arguments.insert(arguments.end(), {"--server", address, "--tls-ca", folder / "ca.pem", "--tls-cert",
+                                       folder.write(name + ".pem", certificate.pem()), "--tls-key",
+                                       folder.write(name + ".key", certificate.key_pem())});
+    return arguments;
+  }
+
+  testing_support::Authority authority;
+  std::string address;
+  std::optional<ChildProcess> daemon;
+};
+
+TEST_F(ProtectedServerTest, RegistersFromElsewhere) {
+  const Outcome outcome = run(as("a", job({"register", "--out", folder / "out"}, of_a_moment())));
+  ASSERT_EQ(outcome.exit_code, 0) << outcome.err;
+  expect_shift(folder / "out" / "displacement.mha");
+}
+
+TEST_F(ProtectedServerTest, RefusesWhoHasNoRole) {
+  const Outcome outcome = run(as("mallory", {"list"}));
+  EXPECT_EQ(outcome.exit_code, 1);
+  EXPECT_THAT(outcome.err, HasSubstr("mallory@hospital.example"));
 }
 
 }  // namespace

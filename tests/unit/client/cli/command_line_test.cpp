@@ -60,6 +60,22 @@ TEST_F(CommandLine, TakesTheServerFromTheEnvironment) {
   EXPECT_THAT(run({"get", "id"}).err, HasSubstr("nonsense"));
 }
 
+TEST_F(CommandLine, SendsNothingInTheClearBeyondThisMachine) {
+  for (const char* server : {"registry.hospital.example:7443", "10.0.0.7:7443", "[2001:db8::1]:7443"}) {
+    const Outcome outcome = run({"get", "id", "--server", server});
+    EXPECT_EQ(outcome.exit_code, Usage);
+    EXPECT_THAT(outcome.err, HasSubstr("in the clear"));
+  }
+  const Outcome half =
+      run({"get", "id", "--server", "10.0.0.7:7443", "--tls-ca", "/nowhere", "--tls-cert", "/nowhere"});
+  EXPECT_EQ(half.exit_code, Usage);
+  EXPECT_THAT(half.err, HasSubstr("--tls-key is not given"));
+  const Outcome unreadable = run({"get", "id", "--server", "10.0.0.7:7443", "--tls-ca", "/nowhere", "--tls-cert",
+                                  "/nowhere", "--tls-key", "/nowhere"});
+  EXPECT_EQ(unreadable.exit_code, Usage);
+  EXPECT_THAT(unreadable.err, HasSubstr("--tls-ca is /nowhere, which cannot be read"));
+}
+
 TEST_F(CommandLine, NamesAFileThatIsNotThere) {
   const Outcome outcome = run({"register", "--fixed", "/nowhere.mha", "--moving", "/nowhere.mha", "--out", "x"});
   EXPECT_EQ(outcome.exit_code, Usage);
