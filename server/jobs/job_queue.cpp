@@ -64,12 +64,20 @@ std::string describe(LossCause cause, const std::string& detail) {
   return detail;
 }
 
+namespace {
+Refusal job_not_found(const std::string& id) {
+  return {RefusalKind::NotFound, "JOB_NOT_FOUND", "there is no job '" + id + "'; list the jobs to see which there are"};
+}
+}  // namespace
+
 JobRecord require_job(JobReader& reader, const std::string& id) {
   auto job = reader.find(id);
-  if (!job)
-    throw Refusal(RefusalKind::NotFound, "JOB_NOT_FOUND",
-                  "there is no job '" + id + "'; list the jobs to see which there are");
+  if (!job) throw job_not_found(id);
   return *std::move(job);
+}
+
+void require_owner(const JobRecord& job, const std::string& submitter) {
+  if (job.submitter != submitter) throw job_not_found(job.id);
 }
 
 JobRecord JobQueue::submit(JobTable& table, const NewJob& asked) const {

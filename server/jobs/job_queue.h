@@ -90,5 +90,7 @@ class JobQueue {
 
 /// Throws NotFound JOB_NOT_FOUND.
 JobRecord require_job(JobReader& reader, const std::string& id);
+/// Throws the same, so that nobody learns which jobs others have.
+void require_owner(const JobRecord& job, const std::string& submitter);
 
 }  // namespace saltus::server

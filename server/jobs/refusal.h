@@ -17,6 +17,7 @@ enum class RefusalKind {
   Aborted,      ///< the caller's attempt is not the current one any more
   OutOfRange,
   DataLoss,
+  PermissionDenied,  ///< somebody else could; asking again does not help
 };
 
 /// A call that cannot be granted. `reason` is UPPER_SNAKE for programs; what() is one sentence for people that says

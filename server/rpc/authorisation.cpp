@@ -1,5 +1,7 @@
 #include "server/rpc/authorisation.h"
 
+#include "server/jobs/refusal.h"
+
 #include <grpc/grpc_security_constants.h>
 
 #include <vector>
@@ -54,6 +56,18 @@ Scope Caller::scope(std::string_view method) const {
   const MethodRule* rule = find_rule(method);
   if (!rule) return Scope::None;
   return is_local ? Scope::All : scope_of(*rule, roles);
+}
+
+std::optional<std::string> Caller::confined_to(std::string_view method) const {
+  switch (scope(method)) {
+    case Scope::None:
+      break;
+    case Scope::Own:
+      return identity;
+    case Scope::All:
+      return std::nullopt;
+  }
+  throw Refusal(RefusalKind::PermissionDenied, "ROLE_LACKS_RIGHT", denied(*this, method).error_message());
 }
 
 Caller Authorisation::remote_caller(const grpc::AuthContext& context) const {

@@ -8,6 +8,7 @@
 #include <grpcpp/server_context.h>
 
 #include <memory>
+#include <optional>
 #include <string>
 
 namespace saltus::server {
@@ -20,6 +21,9 @@ struct Caller {
 
   /// How far this caller's right to `method` reaches; None when it has no rule.
   Scope scope(std::string_view method) const;
+  /// Whose jobs `method` may touch: nothing means everybody's. Throws Refusal ROLE_LACKS_RIGHT when the caller has no
+  /// right to the method at all.
+  std::optional<std::string> confined_to(std::string_view method) const;
 };
 
 /// The gate: everybody who comes over TLS passes it before any of our code runs, and whatever has no rule in the table

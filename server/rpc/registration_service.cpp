@@ -1,6 +1,7 @@
 #include "server/rpc/registration_service.h"
 
 #include "core/support/errors.h"
+#include "server/jobs/job_queue.h"
 #include "server/jobs/refusal.h"
 #include "server/rpc/convert.h"
 #include "server/rpc/limits.h"
@@ -46,15 +47,26 @@ RegistrationServiceImpl::RegistrationServiceImpl(JobManager& jobs, const IdSourc
                                                  const Authorisation& authorisation, TaskPool& pool)
     : jobs_(jobs), ids_(ids), authorisation_(authorisation), pool_(pool), watchers_("watch", limits::kWatchStreams) {}
 
+std::optional<std::string> RegistrationServiceImpl::owner(const grpc::CallbackServerContext& context,
+                                                          const char* method) const {
+  return authorisation_.caller_of(context).confined_to(std::string("/saltus.v1.RegistrationService/") + method);
+}
+
+void RegistrationServiceImpl::require_own(const std::string& id, const std::optional<std::string>& owner) {
+  // Who submitted a job never changes, so asking before the change itself is early enough.
+  if (owner) require_owner(jobs_.get(id).job, *owner);
+}
+
 grpc::ServerUnaryReactor* RegistrationServiceImpl::CreateRegistrationJob(
     grpc::CallbackServerContext* context, const v1::CreateRegistrationJobRequest* request,
     v1::RegistrationJob* response) {
   return answer_by_reply<JobView>(
       pool_, context,
-      [this, request](const Reply<JobView>& reply) {
+      [this, context, request](const Reply<JobView>& reply) {
         validate(*request);
         std::string content;
         NewJob job = from_message(*request, content);
+        job.submitter = authorisation_.caller_of(*context).identity;
         job.request_hash = ids_.fingerprint(content);
         jobs_.submit(job, reply);
       },
@@ -64,16 +76,19 @@ grpc::ServerUnaryReactor* RegistrationServiceImpl::CreateRegistrationJob(
 grpc::ServerUnaryReactor* RegistrationServiceImpl::GetRegistrationJob(grpc::CallbackServerContext* context,
                                                                       const v1::GetRegistrationJobRequest* request,
                                                                       v1::RegistrationJob* response) {
-  return answer_from_pool(pool_, context, [this, request, response] {
+  return answer_from_pool(pool_, context, [this, context, request, response] {
     validate_job_id(request->id());
-    *response = to_message(jobs_.get(request->id()));
+    const JobView view = jobs_.get(request->id());
+    if (const auto submitter = owner(*context, "GetRegistrationJob")) require_owner(view.job, *submitter);
+    *response = to_message(view);
   });
 }
 
 grpc::ServerUnaryReactor* RegistrationServiceImpl::ListRegistrationJobs(grpc::CallbackServerContext* context,
                                                                         const v1::ListRegistrationJobsRequest* request,
                                                                         v1::ListRegistrationJobsResponse* response) {
-  return answer_from_pool(pool_, context, [this, request, response] {
+  return answer_from_pool(pool_, context, [this, context, request, response] {
+    const auto submitter = owner(*context, "ListRegistrationJobs");
     const int page_size = page_size_of(*request);
     const auto state = from_message(request->state());
     if (!state && request->state() != v1::JOB_STATE_UNSPECIFIED)
@@ -86,6 +101,7 @@ grpc::ServerUnaryReactor* RegistrationServiceImpl::ListRegistrationJobs(grpc::Ca
     if (has_more) views.pop_back();
     std::size_t bytes = 0;
     for (const JobView& view : views) {
+      if (submitter && view.job.submitter != *submitter) continue;
       v1::RegistrationJob job = to_message(view);
       bytes += job.ByteSizeLong();
       // Jobs with long specifications make a shorter page: an answer must fit into a message.
@@ -104,8 +120,9 @@ grpc::ServerUnaryReactor* RegistrationServiceImpl::CancelRegistrationJob(
     v1::RegistrationJob* response) {
   return answer_by_reply<JobView>(
       pool_, context,
-      [this, request](const Reply<JobView>& reply) {
+      [this, context, request](const Reply<JobView>& reply) {
         validate_job_id(request->id());
+        require_own(request->id(), owner(*context, "CancelRegistrationJob"));
         jobs_.cancel(request->id(), reply);
       },
       [response](const JobView& view) { *response = to_message(view); });
@@ -116,8 +133,9 @@ grpc::ServerUnaryReactor* RegistrationServiceImpl::DeleteRegistrationJob(
     v1::DeleteRegistrationJobResponse*) {
   return answer_by_reply<std::string>(
       pool_, context,
-      [this, request](const Reply<std::string>& reply) {
+      [this, context, request](const Reply<std::string>& reply) {
         validate_job_id(request->id());
+        require_own(request->id(), owner(*context, "DeleteRegistrationJob"));
         jobs_.remove(request->id(), reply);
       },
       [](const std::string&) {});
@@ -125,7 +143,8 @@ grpc::ServerUnaryReactor* RegistrationServiceImpl::DeleteRegistrationJob(
 
 grpc::ServerWriteReactor<v1::WatchRegistrationJobResponse>* RegistrationServiceImpl::WatchRegistrationJob(
     grpc::CallbackServerContext* context, const v1::WatchRegistrationJobRequest* request) {
-  return watch_job(jobs_, pool_, watchers_, *context, request->id());
+  return watch_job(jobs_, pool_, watchers_, *context, request->id(),
+                   [this, context] { return owner(*context, "WatchRegistrationJob"); });
 }
 
 }  // namespace saltus::server

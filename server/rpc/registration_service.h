@@ -8,6 +8,9 @@
 
 #include "saltus/v1/registration.grpc.pb.h"
 
+#include <optional>
+#include <string>
+
 namespace saltus::server {
 
 /// Translates between clients and the job manager. Never blocks a callback thread.
@@ -29,6 +32,11 @@ class RegistrationServiceImpl final : public v1::RegistrationService::CallbackSe
       grpc::CallbackServerContext*, const v1::WatchRegistrationJobRequest*) override;
 
  private:
+  /// Whose jobs the call may touch; nothing: everybody's.
+  std::optional<std::string> owner(const grpc::CallbackServerContext& context, const char* method) const;
+  /// Answers as if the job did not exist when it is not `owner`'s. Blocks.
+  void require_own(const std::string& id, const std::optional<std::string>& owner);
+
   JobManager& jobs_;
   const IdSource& ids_;
   const Authorisation& authorisation_;

@@ -33,6 +33,8 @@ grpc::StatusCode code_of(RefusalKind kind) {
       return grpc::StatusCode::OUT_OF_RANGE;
     case RefusalKind::DataLoss:
       return grpc::StatusCode::DATA_LOSS;
+    case RefusalKind::PermissionDenied:
+      return grpc::StatusCode::PERMISSION_DENIED;
   }
   return grpc::StatusCode::INTERNAL;
 }

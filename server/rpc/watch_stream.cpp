@@ -20,10 +20,11 @@ class WatchStream final : public grpc::ServerWriteReactor<Response>, public std:
   WatchStream(JobManager& jobs, TaskPool& pool, grpc::CallbackServerContext& context)
       : jobs_(jobs), pool_(pool), context_(context) {}
 
-  void start(StreamGate& gate, const std::string& id) {
+  void start(StreamGate& gate, const std::string& id, const OwnerOf& owner) {
     self_ = shared_from_this();
     try {
       validate_job_id(id);
+      owner_ = owner();
       pass_ = gate.enter();
     } catch (...) {
       return finish(std::current_exception());
@@ -62,6 +63,7 @@ class WatchStream final : public grpc::ServerWriteReactor<Response>, public std:
   void send_snapshot(const std::string& id) {
     try {
       view_ = jobs_.get(id);
+      if (owner_) require_owner(view_.job, *owner_);
     } catch (...) {
       return finish(std::current_exception());
     }
@@ -134,6 +136,7 @@ class WatchStream final : public grpc::ServerWriteReactor<Response>, public std:
   JobManager& jobs_;
   TaskPool& pool_;
   grpc::CallbackServerContext& context_;
+  std::optional<std::string> owner_;
   StreamGate::Pass pass_;
   std::shared_ptr<Subscription> subscription_;
   std::shared_ptr<WatchStream> self_;
@@ -148,9 +151,10 @@ class WatchStream final : public grpc::ServerWriteReactor<Response>, public std:
 }  // namespace
 
 grpc::ServerWriteReactor<Response>* watch_job(JobManager& jobs, TaskPool& pool, StreamGate& gate,
-                                              grpc::CallbackServerContext& context, const std::string& id) {
+                                              grpc::CallbackServerContext& context, const std::string& id,
+                                              OwnerOf owner) {
   const auto stream = std::make_shared<WatchStream>(jobs, pool, context);
-  stream->start(gate, id);
+  stream->start(gate, id, owner);
   return stream.get();
 }
 

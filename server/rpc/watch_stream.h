@@ -6,15 +6,20 @@
 
 #include "saltus/v1/registration.grpc.pb.h"
 
+#include <functional>
+#include <optional>
 #include <string>
 
 namespace saltus::server {
+
+/// Whose job it has to be; nothing: anybody's. May throw a Refusal.
+using OwnerOf = std::function<std::optional<std::string>()>;
 
 /// A stream of one job's states: the snapshot first, then every change of state and the latest progress; OK after the
 /// terminal state. At most one message is on its way at a time, so a slow client costs one message of memory.
 grpc::ServerWriteReactor<v1::WatchRegistrationJobResponse>* watch_job(JobManager& jobs, TaskPool& pool,
                                                                       StreamGate& gate,
                                                                       grpc::CallbackServerContext& context,
-                                                                      const std::string& id);
+                                                                      const std::string& id, OwnerOf owner);
 
 }  // namespace saltus::server

@@ -20,6 +20,7 @@ using testing_support::Certificate;
 class Access : public testing_support::DaemonTest {
  protected:
   void serve(const std::string& roles) {
+    job_settings.slots = 1;
     write_server_certificate(authority.server());
     folder.write("ca.pem", authority.root.pem());
     folder.write("roles", roles);
@@ -184,6 +185,119 @@ TEST_F(Access, AnAlternativeNameCountsBeforeTheCommonName) {
 TEST_F(Access, LocalCallersNeedNoCertificate) {
   serve("reader = reader\n");
   EXPECT_TRUE(info_over(channel).ok());
+}
+
+/// What one caller gets when he asks for everything there is to ask about one job.
+struct Answers {
+  grpc::StatusCode get, watch, cancel, remove;
+  std::vector<std::string> listed;
+};
+
+TEST_F(Access, ASubmitterHasOwnJobsOnlyAndDoesNotLearnOfOthers) {
+  serve("a = submitter\nb = submitter\nc = submitter, reader\nreader = reader\nadmin = admin\n");
+  const auto request = valid_request();
+  const auto create_as = [&](const std::string& name) {
+    grpc::ClientContext context;
+    v1::RegistrationJob job;
+    const auto stub = v1::RegistrationService::NewStub(channel_of(authority.issue(name)));
+    const auto status = stub->CreateRegistrationJob(&context, request, &job);
+    EXPECT_TRUE(status.ok()) << status.error_message();
+    return job.id();
+  };
+  const auto ask_as = [&](const std::string& name, const std::string& id) {
+    const auto stub = v1::RegistrationService::NewStub(channel_of(authority.issue(name)));
+    Answers answers;
+    {
+      grpc::ClientContext context;
+      v1::RegistrationJob job;
+      v1::GetRegistrationJobRequest get;
+      get.set_id(id);
+      answers.get = stub->GetRegistrationJob(&context, get, &job).error_code();
+    }
+    {
+      grpc::ClientContext context;
+      v1::WatchRegistrationJobRequest watch;
+      watch.set_id(id);
+      const auto reader = stub->WatchRegistrationJob(&context, watch);
+      v1::WatchRegistrationJobResponse event;
+      if (reader->Read(&event)) context.TryCancel();
+      answers.watch = reader->Finish().error_code();
+    }
+    {
+      grpc::ClientContext context;
+      v1::ListRegistrationJobsResponse list;
+      EXPECT_EQ(stub->ListRegistrationJobs(&context, {}, &list).error_code(), grpc::StatusCode::OK);
+      for (const auto& job : list.jobs()) answers.listed.push_back(job.id());
+    }
+    {
+      grpc::ClientContext context;
+      v1::RegistrationJob job;
+      v1::CancelRegistrationJobRequest cancel;
+      cancel.set_id(id);
+      answers.cancel = stub->CancelRegistrationJob(&context, cancel, &job).error_code();
+    }
+    {
+      grpc::ClientContext context;
+      v1::DeleteRegistrationJobRequest remove;
+      remove.set_id(id);
+      v1::DeleteRegistrationJobResponse removed;
+      answers.remove = stub->DeleteRegistrationJob(&context, remove, &removed).error_code();
+    }
+    return answers;
+  };
+  using enum grpc::StatusCode;
+  using ::testing::ElementsAre;
+  const std::string local = created().id();
+  const std::string of_a = create_as("a");
+  const std::string of_b = create_as("b");
+
+  for (const std::string& id : {of_a, local, std::string("never-made")}) {
+    const Answers b = ask_as("b", id);
+    EXPECT_EQ(b.get, NOT_FOUND);
+    EXPECT_EQ(b.watch, NOT_FOUND);
+    EXPECT_EQ(b.cancel, NOT_FOUND);
+    EXPECT_EQ(b.remove, NOT_FOUND);
+    EXPECT_THAT(b.listed, ElementsAre(of_b));
+  }
+  EXPECT_EQ(get(of_a).state(), v1::JOB_STATE_QUEUED) << "somebody else's cancel must change nothing";
+
+  const Answers reader = ask_as("reader", of_a);
+  EXPECT_EQ(reader.get, OK);
+  EXPECT_EQ(reader.watch, CANCELLED);  // by this client
+  EXPECT_EQ(reader.cancel, PERMISSION_DENIED);
+  EXPECT_EQ(reader.remove, PERMISSION_DENIED);
+  EXPECT_THAT(reader.listed, ElementsAre(of_b, of_a, local));
+
+  // Two roles: sees all, touches his own.
+  const Answers both = ask_as("c", of_b);
+  EXPECT_EQ(both.get, OK);
+  EXPECT_EQ(both.cancel, NOT_FOUND);
+  EXPECT_EQ(both.remove, NOT_FOUND);
+
+  const Answers mine = ask_as("b", of_b);
+  EXPECT_EQ(mine.get, OK);
+  EXPECT_EQ(mine.cancel, OK);
+  EXPECT_EQ(mine.remove, OK);
+  const Answers admin = ask_as("admin", of_a);
+  EXPECT_EQ(admin.get, OK);
+  EXPECT_EQ(admin.cancel, OK);
+  EXPECT_THAT(admin.listed, ElementsAre(of_a, local));
+  EXPECT_EQ(get(local).state(), v1::JOB_STATE_RUNNING);
+}
+
+TEST_F(Access, RequestIdsOfTwoSubmittersAreTwo) {
+  serve("a = submitter\nb = submitter\n");
+  auto request = valid_request();
+  request.set_request_id("today");
+  std::set<std::string> ids;
+  for (const char* name : {"a", "b", "a"}) {
+    grpc::ClientContext context;
+    v1::RegistrationJob job;
+    const auto stub = v1::RegistrationService::NewStub(channel_of(authority.issue(name)));
+    EXPECT_TRUE(stub->CreateRegistrationJob(&context, request, &job).ok());
+    ids.insert(job.id());
+  }
+  EXPECT_EQ(ids.size(), 2u);
 }
 
 TEST_F(Access, RolesAreReadAgainWhenTheFileChanges) {

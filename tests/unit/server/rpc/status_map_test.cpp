@@ -27,6 +27,7 @@ TEST(StatusMap, EveryRefusalHasItsCode) {
       {RefusalKind::Aborted, grpc::StatusCode::ABORTED},
       {RefusalKind::OutOfRange, grpc::StatusCode::OUT_OF_RANGE},
       {RefusalKind::DataLoss, grpc::StatusCode::DATA_LOSS},
+      {RefusalKind::PermissionDenied, grpc::StatusCode::PERMISSION_DENIED},
   };
   for (const auto& [kind, code] : table) {
     const auto status = status_of_error(Refusal(kind, "REASON", "what and how"));
