@@ -69,6 +69,7 @@ DaemonSettings settings_of(const Config& config) {
   settings.jobs.slots = config.slots;
   settings.jobs.default_threads = config.threads_per_job;
   settings.jobs.lease = config.lease;
+  settings.jobs.checkpoint_interval = config.checkpoint_interval;
   settings.jobs.heartbeat_interval =
       std::min<std::chrono::milliseconds>(std::chrono::milliseconds(500), config.lease / 4);
   settings.jobs.queue.max_queued = limits::kQueuedJobs;

@@ -66,6 +66,10 @@ nlohmann::json progress_json(const v1::JobProgress& progress) {
                       {"similarity", progress.similarity()},
                       {"fraction", progress.fraction()}};
   if (progress.seconds_left() >= 0) json["seconds_left"] = progress.seconds_left();
+  if (progress.checkpoints() > 0) json["checkpoints"] = progress.checkpoints();
+  if (progress.is_resumed()) json["is_resumed"] = true;
+  if (progress.memory_bytes() > 0) json["memory_bytes"] = progress.memory_bytes();
+  if (progress.cpu_seconds() > 0) json["cpu_seconds"] = progress.cpu_seconds();
   return json;
 }
 

@@ -57,7 +57,7 @@ ParsedConfig parse_config(int argc, char** argv) {
   Config& config = parsed.config;
   std::string data, worker, roles;
   std::vector<std::string> listen;
-  double lease_seconds = 30;
+  double lease_seconds = 30, checkpoint_seconds = 30;
   config.log_level = "info";
   app.set_version_flag("--version", SALTUS_VERSION);
   app.add_option("--data", data, "Folder for jobs, images and results; made when missing")
@@ -82,6 +82,10 @@ ParsedConfig parse_config(int argc, char** argv) {
   app.add_option("--lease-seconds", lease_seconds, "How long a worker may be silent before its job is given to another")
       ->check(CLI::Range(1.0, 3600.0))
       ->capture_default_str();
+  app.add_option("--checkpoint-seconds", checkpoint_seconds,
+                 "At least so long between two checkpoints of a job, from which another worker can go on; 0 makes none")
+      ->check(CLI::Range(0.0, 86400.0))
+      ->capture_default_str();
   app.add_option("--log-level", config.log_level, "trace, debug, info, warning, error or off")
       ->check(CLI::IsMember({"trace", "debug", "info", "warning", "error", "off"}))
       ->capture_default_str();
@@ -103,6 +107,7 @@ ParsedConfig parse_config(int argc, char** argv) {
   config.worker = worker.empty() ? default_worker() : fs::absolute(worker);
   require_program(config.worker);
   config.lease = std::chrono::milliseconds(static_cast<long long>(lease_seconds * 1000));
+  config.checkpoint_interval = std::chrono::milliseconds(static_cast<long long>(checkpoint_seconds * 1000));
   return parsed;
 }
 

@@ -21,6 +21,7 @@ struct Config {
   int slots = 0;
   int threads_per_job = 0;
   std::chrono::milliseconds lease{};
+  std::chrono::milliseconds checkpoint_interval{};
   std::string log_level;
   bool exit_on_stdin_close = false;
 };

@@ -214,7 +214,13 @@ LeaseGrant JobManager::acquire(const AttemptKey& key, const std::string& token) 
   }
   JobRecord job;
   store_.read([&](JobReader& reader) { job = require_job(reader, key.job_id); });
-  return {job.spec, threads_of(job), settings_.lease, settings_.heartbeat_interval, job.limits, job.checkpoint};
+  return {job.spec,
+          threads_of(job),
+          settings_.lease,
+          settings_.heartbeat_interval,
+          job.limits,
+          job.checkpoint,
+          settings_.checkpoint_interval};
 }
 
 void JobManager::put_checkpoint(const AttemptKey& key, const std::string& token, const Checkpoint& checkpoint,

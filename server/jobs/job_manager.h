@@ -23,6 +23,7 @@ struct ManagerSettings {
   int default_threads = 1;  ///< of a worker whose job does not say
   std::chrono::milliseconds lease{30000};
   std::chrono::milliseconds heartbeat_interval{1000};
+  std::chrono::milliseconds checkpoint_interval{30000};  ///< at least, between two of one attempt; 0: none are made
   CancelLadder cancel_ladder;
   std::chrono::milliseconds linger{5000};       ///< for a worker's process to end after its attempt has ended
   std::chrono::milliseconds drain_grace{2000};  ///< for workers to end when the daemon shuts down
@@ -42,6 +43,7 @@ struct LeaseGrant {
   std::chrono::milliseconds heartbeat_interval{};
   JobLimits limits;
   std::optional<Checkpoint> checkpoint;  ///< of an earlier attempt, to go on from
+  std::chrono::milliseconds checkpoint_interval{};
 };
 
 /// `error` is nothing when the call succeeded; else the second argument means nothing.

@@ -209,12 +209,29 @@ Outcome from_message(const v1::CompleteJobRequest& request) {
   throw InvalidInput("outcome is not set; it must be success, failure or cancelled");
 }
 
+Checkpoint from_message(const v1::Checkpoint& message) {
+  Checkpoint checkpoint;
+  checkpoint.digest = message.digest();
+  checkpoint.size = message.size();
+  checkpoint.level = message.level();
+  checkpoint.iteration = message.iteration();
+  return checkpoint;
+}
+
 v1::AcquireLeaseResponse to_message(const LeaseGrant& grant) {
   v1::AcquireLeaseResponse message;
   *message.mutable_spec() = parse_spec(grant.spec);
   message.set_threads(grant.threads);
   message.set_lease_seconds(seconds(grant.lease));
   message.set_heartbeat_interval_seconds(seconds(grant.heartbeat_interval));
+  message.set_checkpoint_interval_seconds(seconds(grant.checkpoint_interval));
+  message.mutable_limits()->set_memory_bytes(grant.limits.memory_bytes);
+  message.mutable_limits()->set_cpu_seconds(static_cast<double>(grant.limits.cpu_seconds));
+  if (!grant.checkpoint) return message;
+  message.mutable_checkpoint()->set_digest(grant.checkpoint->digest);
+  message.mutable_checkpoint()->set_size(grant.checkpoint->size);
+  message.mutable_checkpoint()->set_level(grant.checkpoint->level);
+  message.mutable_checkpoint()->set_iteration(grant.checkpoint->iteration);
   return message;
 }
 

@@ -195,6 +195,12 @@ void validate_job_id(const std::string& id) {
     refuse("id", shown(id), "it must be the id of a job, as CreateRegistrationJob answered it");
 }
 
+void validate(const v1::PutCheckpointRequest& request) {
+  check_digest("checkpoint.digest", request.checkpoint().digest());
+  if (request.checkpoint().size() <= 0)
+    refuse("checkpoint.size", std::to_string(request.checkpoint().size()), "it must be the size of the blob");
+}
+
 void validate(const v1::CompleteJobRequest& request) {
   if (request.has_failure()) {
     const v1::JobFailure& failure = request.failure();

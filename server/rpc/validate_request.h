@@ -13,6 +13,7 @@ namespace saltus::server {
 void validate(const v1::CreateRegistrationJobRequest& request);
 void validate(const v1::FindMissingBlobsRequest& request);
 void validate(const v1::ReadBlobRequest& request);
+void validate(const v1::PutCheckpointRequest& request);
 void validate(const v1::CompleteJobRequest& request);
 /// The first message of an upload.
 void validate_upload(const std::string& digest, std::int64_t size);

@@ -27,6 +27,20 @@ grpc::ServerUnaryReactor* WorkerServiceImpl::Heartbeat(grpc::CallbackServerConte
   });
 }
 
+grpc::ServerUnaryReactor* WorkerServiceImpl::PutCheckpoint(grpc::CallbackServerContext* context,
+                                                           const v1::PutCheckpointRequest* request,
+                                                           v1::PutCheckpointResponse*) {
+  return answer_by_reply<JobRecord>(
+      pool_, context,
+      [this, request](const Reply<JobRecord>& reply) {
+        validate_job_id(request->job_id());
+        validate(*request);
+        jobs_.put_checkpoint({request->job_id(), request->attempt()}, request->token(),
+                             from_message(request->checkpoint()), reply);
+      },
+      [](const JobRecord&) {});
+}
+
 grpc::ServerUnaryReactor* WorkerServiceImpl::CompleteJob(grpc::CallbackServerContext* context,
                                                          const v1::CompleteJobRequest* request,
                                                          v1::CompleteJobResponse*) {

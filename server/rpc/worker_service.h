@@ -16,6 +16,8 @@ class WorkerServiceImpl final : public v1::WorkerService::CallbackService {
                                          v1::AcquireLeaseResponse*) override;
   grpc::ServerUnaryReactor* Heartbeat(grpc::CallbackServerContext*, const v1::HeartbeatRequest*,
                                       v1::HeartbeatResponse*) override;
+  grpc::ServerUnaryReactor* PutCheckpoint(grpc::CallbackServerContext*, const v1::PutCheckpointRequest*,
+                                          v1::PutCheckpointResponse*) override;
   grpc::ServerUnaryReactor* CompleteJob(grpc::CallbackServerContext*, const v1::CompleteJobRequest*,
                                         v1::CompleteJobResponse*) override;
 

@@ -159,10 +159,13 @@ std::optional<std::filesystem::path> fetch_checkpoint(const v1::AcquireLeaseResp
   }
 }
 
-/// Sends checkpoints over a connection of their own.
-CheckpointKeeper::Put put_with(Lease& lease, const AttemptIdentity& identity, const std::filesystem::path& folder) {
+/// Sends checkpoints over a connection of their own. `place` is where the latest was made; the keeper makes no other
+/// one before that is safe.
+CheckpointKeeper::Put put_with(Lease& lease, const AttemptIdentity& identity, const std::filesystem::path& folder,
+                               const Progress& place) {
   const auto channel = client::make_channel(identity.server);
-  return [&lease, channel, file = folder / "checkpoint.new"](const std::string& bytes, const std::stop_token& stop) {
+  return [&lease, &place, channel, file = folder / "checkpoint.new"](const std::string& bytes,
+                                                                     const std::stop_token& stop) {
     std::ofstream out(file, std::ios::binary | std::ios::trunc);
     out.write(bytes.data(), static_cast<std::streamsize>(bytes.size()));
     out.close();
@@ -173,6 +176,8 @@ CheckpointKeeper::Put put_with(Lease& lease, const AttemptIdentity& identity, co
     v1::Checkpoint checkpoint;
     checkpoint.set_digest(sent.digest);
     checkpoint.set_size(sent.size);
+    checkpoint.set_level(place.level);
+    checkpoint.set_iteration(place.iteration);
     lease.put_checkpoint(checkpoint, stop);
   };
 }
@@ -185,11 +190,17 @@ std::vector<std::string> register_with_checkpoints(const RegistrationTask& task,
                                                    const std::filesystem::path& results) {
   const auto interval =
       std::chrono::milliseconds(static_cast<std::int64_t>(1000 * lease.terms().checkpoint_interval_seconds()));
-  CheckpointKeeper keeper(interval, put_with(lease, identity, folder), lease.stop_token());
+  Progress place;
+  CheckpointKeeper keeper(interval, put_with(lease, identity, folder, place), lease.stop_token());
   bool is_unfit = !checkpoint, is_resumed = false;
   TaskCheckpoints checkpoints;
   checkpoints.resume = checkpoint;
-  checkpoints.offer = [&keeper](const Progress&, const MakeCheckpoint& make) { keeper.offer(make); };
+  checkpoints.offer = [&](const Progress& now, const MakeCheckpoint& make) {
+    keeper.offer([&] {
+      place = now;
+      return make();
+    });
+  };
   checkpoints.on_unfit = [&is_unfit](const std::string& why) {
     is_unfit = true;
     std::cerr << "saltus-worker: the checkpoint is dropped: " << why << std::endl;

@@ -174,8 +174,9 @@ class ServerTest : public EndToEnd {
   }
 
   void start_daemon() {
-    daemon.emplace(std::vector<std::string>{programs + "/saltusd", "--data", folder / "data", "--listen", address},
-                   environment());
+    std::vector<std::string> command{programs + "/saltusd", "--data", folder / "data", "--listen", address};
+    command.insert(command.end(), daemon_options.begin(), daemon_options.end());
+    daemon.emplace(command, environment());
     daemon->wait_for_output("listening on");
   }
   /// `arguments` and the daemon's address.
@@ -191,6 +192,7 @@ class ServerTest : public EndToEnd {
   json get(const std::string& id) const { return json::parse(run(here({"get", id, "--json"})).out); }
 
   const std::string address = "unix:" + (folder / "socket").string();
+  std::vector<std::string> daemon_options;
   std::optional<ChildProcess> daemon;
 };
 
@@ -258,6 +260,68 @@ TEST_F(ServerTest, AJobOutlivesAKilledDaemon) {
   EXPECT_EQ(job["attempt"], 1) << "the worker's own attempt counts";
   EXPECT_EQ(run(here({"fetch", id, "--out", folder / "out"})).exit_code, 0);
   expect_shift(folder / "out" / "displacement.mha");
+}
+
+/// A daemon whose workers make checkpoints as often as they can.
+class CheckpointTest : public ServerTest {
+ protected:
+  CheckpointTest() { daemon_options = {"--checkpoint-seconds", "0.001"}; }
+
+  pid_t only_worker() const {
+    const auto workers = daemon->children();
+    EXPECT_EQ(workers.size(), 1u);
+    return workers.at(0);
+  }
+  /// Digests of what the solver has found; the other files have times in them.
+  std::map<std::string, std::string> results(const std::string& id) const {
+    std::map<std::string, std::string> digests;
+    const json job = get(id);
+    for (const json& artifact : job["artifacts"])
+      if (artifact["name"].get<std::string>().ends_with(".mha")) digests[artifact["name"]] = artifact["digest"];
+    EXPECT_TRUE(digests.contains("displacement.mha") && digests.contains("momentum_1_order0.mha"));
+    return digests;
+  }
+  /// Asks until a second attempt says that it goes on from the checkpoint of the first.
+  void wait_until_resumed(const std::string& id) const {
+    while (true) {
+      const json job = get(id);
+      if (job.contains("progress") && job["progress"].contains("is_resumed")) return;
+      ASSERT_TRUE(job["state"] == "RUNNING" || job["state"] == "QUEUED") << job;
+    }
+  }
+  std::vector<std::string> long_enough() const {
+    return {"--set", "tolerance=0", "--set", "time_steps=32", "--set", "max_iterations=150"};
+  }
+};
+
+TEST_F(CheckpointTest, WhatIsKilledGoesOnFromItsCheckpointToTheSameBits) {
+  const std::string undisturbed = submit(long_enough());
+  EXPECT_EQ(run(here({"watch", undisturbed})).exit_code, 0);
+  const auto expected = results(undisturbed);
+
+  const std::string id = submit(long_enough());
+  ChildProcess watch = start(here({"watch", id, "--json"}));
+  watch.wait_for_output("\"checkpoints\"");
+  kill(only_worker(), SIGKILL);
+  wait_until_resumed(id);
+  EXPECT_EQ(watch.wait(), 0) << watch.err();
+  EXPECT_EQ(get(id)["attempt"], 2);
+  EXPECT_EQ(results(id), expected);
+
+  const std::string other = submit(long_enough());
+  ChildProcess watch_other = start(here({"watch", other, "--json"}));
+  watch_other.wait_for_output("\"checkpoints\"");
+  const pid_t worker = only_worker();
+  const ProcessHandle handle(worker);
+  daemon->signal(SIGKILL);
+  EXPECT_EQ(daemon->wait(), 128 + SIGKILL);
+  kill(worker, SIGKILL);
+  ASSERT_TRUE(handle.ends_within(std::chrono::seconds(60)));
+  start_daemon();
+  wait_until_resumed(other);
+  EXPECT_EQ(watch_other.wait(), 0) << watch_other.err();
+  EXPECT_EQ(get(other)["attempt"], 2);
+  EXPECT_EQ(results(other), expected);
 }
 
 TEST_F(ServerTest, SaysThatTheServerIsAway) {

@@ -311,5 +311,55 @@ TEST_F(JobLife, AnOrderlyStopQueuesTheJobAgainAndRefusesNewOnes) {
   EXPECT_EQ(launcher->wait_for_start(1).key.job_id, job.id());
 }
 
+TEST_F(JobLife, TheNextAttemptIsToldTheLastCheckpointAndAZombieCannotChangeIt) {
+  job_settings.checkpoint_interval = std::chrono::milliseconds(1500);
+  start();
+  const auto job = created();
+  const auto first = launcher->wait_for_start(1);
+  v1::AcquireLeaseResponse lease;
+  ASSERT_TRUE(acquire(first, lease).ok());
+  EXPECT_EQ(lease.checkpoint_interval_seconds(), 1.5);
+  EXPECT_FALSE(lease.has_checkpoint());
+
+  const auto put = [&](const LaunchRequest& launch, const std::string& content, const std::string& token) {
+    grpc::ClientContext context;
+    auto request = as_worker<v1::PutCheckpointRequest>(launch);
+    request.set_token(token);
+    request.mutable_checkpoint()->set_digest(digest_of(content));
+    request.mutable_checkpoint()->set_size(static_cast<std::int64_t>(content.size()));
+    request.mutable_checkpoint()->set_level(2);
+    request.mutable_checkpoint()->set_iteration(7);
+    v1::PutCheckpointResponse response;
+    const auto status = worker->PutCheckpoint(&context, request, &response);
+    return status.ok() ? "" : testing_support::reason_of(context);
+  };
+  EXPECT_EQ(put(first, "where it stands", first.token), "CHECKPOINT_MISSING");
+  uploaded("where it stood");
+  uploaded("where it stands");
+  EXPECT_EQ(put(first, "where it stood", first.token), "");
+  EXPECT_EQ(put(first, "where it stands", first.token), "");
+  EXPECT_EQ(put(first, "where it stands", first.token), "") << "it may be repeated";
+  EXPECT_EQ(put(first, "where it stood", "another token"), "LEASE_LOST");
+  EXPECT_EQ(put(first, "", first.token), "INVALID_FIELD") << "no bytes";
+
+  launcher->end(first.key, {WorkerExit::Kind::Exited, 1});
+  const auto second = launcher->wait_for_start(2);
+  ASSERT_TRUE(acquire(second, lease).ok());
+  EXPECT_EQ(lease.checkpoint().digest(), digest_of("where it stands"));
+  EXPECT_EQ(lease.checkpoint().size(), 15);
+  EXPECT_EQ(lease.checkpoint().level(), 2);
+  EXPECT_EQ(lease.checkpoint().iteration(), 7);
+  EXPECT_EQ(put(first, "where it stood", first.token), "LEASE_LOST") << "an earlier attempt";
+
+  ASSERT_TRUE(succeed(second).ok());
+  EXPECT_EQ(put(second, "where it stands", second.token), "LEASE_LOST") << "the job has ended";
+  grpc::ClientContext context;
+  v1::FindMissingBlobsRequest request;
+  request.add_digests(digest_of("where it stands"));
+  v1::FindMissingBlobsResponse response;
+  ASSERT_TRUE(blobs->FindMissingBlobs(&context, request, &response).ok());
+  EXPECT_EQ(response.missing_size(), 1) << "an ended job needs no checkpoint";
+}
+
 }  // namespace
 }  // namespace saltus::server
