@@ -100,28 +100,29 @@ RegistrationOptions default_options(Model model, SimilarityType similarity, Pres
       o.flow.divergence_weight = 0.1;
       break;
     case SimilarityType::Mi:  // of a normal pair -log(1 - c^2) / 2, the steeper the better the images fit
-      o.momenta.regularisation = 5e-4;
+      o.momenta.regularisation = 1e-4;
       o.momenta.first_order_regularisation = 1.5e-4;
       o.momenta.sparsity = 1e-2;
-      o.flow.divergence_weight = 0.25;
+      o.flow.divergence_weight = 2.5;
       break;
     case SimilarityType::Lncc:
-      o.momenta.regularisation = 5e-4;
+      // Tissue hardly changes its volume but moves far: little weight on the momenta, much on the divergence.
+      o.momenta.regularisation = 1e-4;
       o.momenta.first_order_regularisation = 1e-3;
       o.momenta.sparsity = 1e-2;
-      o.flow.divergence_weight = 0.1;
+      o.flow.divergence_weight = 1;
       break;
     case SimilarityType::Ngf:  // as lncc, but every edge has two sides that pull
-      o.momenta.regularisation = 1e-3;
+      o.momenta.regularisation = 2e-4;
       o.momenta.first_order_regularisation = 2e-3;
       o.momenta.sparsity = 2e-2;
-      o.flow.divergence_weight = 0.2;
+      o.flow.divergence_weight = 2;
       break;
     case SimilarityType::Mind:  // a squared difference of a few hundredths
-      o.momenta.regularisation = 2e-4;
+      o.momenta.regularisation = 4e-5;
       o.momenta.first_order_regularisation = 4e-4;
       o.momenta.sparsity = 4e-3;
-      o.flow.divergence_weight = 0.08;
+      o.flow.divergence_weight = 0.8;
       break;
   }
   switch (preset) {
