@@ -1,6 +1,7 @@
 #include "server/daemon.h"
 
 #include "server/config/socket_file.h"
+#include "server/rpc/limits.h"
 
 #include <set>
 
@@ -14,27 +15,40 @@ constexpr auto kCallGrace = std::chrono::milliseconds(500);
 }  // namespace
 
 Daemon::Daemon(const DaemonSettings& settings, std::function<void(const std::string&)> on_broken, DaemonParts parts)
-    : directory_(settings.data), bytes_(directory_.blobs(), directory_.uploads()) {
+    : directory_(settings.data),
+      clock_(parts.clock ? std::move(parts.clock) : std::make_shared<SystemClock>()),
+      disk_(parts.disk ? std::move(parts.disk) : std::make_shared<Disk>()),
+      storage_([this, on_broken = std::move(on_broken)](const std::string& reason) {
+        // Whatever has failed: an answer from now on could be a promise that the disk does not keep.
+        if (rows_) rows_->refuse_writes();
+        on_broken(reason);
+        wake();
+      }),
+      bytes_({directory_.blobs(), directory_.uploads(), directory_.corrupt()}, storage_, *clock_, settings.reserve, {},
+             *disk_),
+      stalls_(*clock_, limits::kStalledStream) {
   if (!settings.protected_listen.empty()) require_usable(settings.tls);
   if (!settings.roles.empty()) roles_ = std::make_shared<RolesFile>(settings.roles, settings.log);
-  auto store = std::make_unique<SqliteJobStore>(directory_.database(), std::move(on_broken));
+  auto store = std::make_unique<SqliteJobStore>(directory_.database(),
+                                                [this](const std::string& reason) { storage_.fail(reason); });
+  rows_ = store.get();
   const auto known = store->blobs();
   const std::set<std::string> known_digests(known.begin(), known.end());
   bytes_.remove_unknown([&](const std::string& digest) { return known_digests.contains(digest); });
   store_ = std::move(store);
   if (parts.wrap_store) store_ = parts.wrap_store(std::move(store_));
 
-  blobs_ = std::make_unique<BlobCatalog>(*store_, bytes_, clock_);
+  blobs_ = std::make_unique<BlobCatalog>(*store_, bytes_, *clock_);
   LocalLauncher* local = nullptr;
   if (!parts.launcher) {
-    auto made = std::make_unique<LocalLauncher>(
-        LocalLauncherSettings{settings.worker, settings.listen.to_text(), directory_.run(), directory_.logs(), directory_.work()});
+    auto made = std::make_unique<LocalLauncher>(LocalLauncherSettings{
+        settings.worker, settings.listen.to_text(), directory_.run(), directory_.logs(), directory_.work()});
     local = made.get();
     parts.launcher = std::move(made);
   }
   launcher_ = std::move(parts.launcher);
   jobs_ = std::make_unique<JobManager>(
-      *store_, *blobs_, *launcher_, clock_, ids_, settings.jobs, [this] { wake(); }, settings.log);
+      *store_, *blobs_, *launcher_, *clock_, ids_, settings.jobs, [this] { wake(); }, settings.log);
   jobs_->recover();
   if (local) local->remove_stale_files();
   ListenAddress listen = settings.listen;
@@ -42,7 +56,7 @@ Daemon::Daemon(const DaemonSettings& settings, std::function<void(const std::str
   if (is_socket) require_nobody_listens(listen.path);
   RpcSettings rpc{listen.to_text(), {}, settings.tls, roles_, settings.version};
   for (const ListenAddress& address : settings.protected_listen) rpc.protected_addresses.push_back(address.to_text());
-  rpc_ = std::make_unique<RpcServer>(rpc, *jobs_, *blobs_, ids_);
+  rpc_ = std::make_unique<RpcServer>(rpc, *jobs_, *blobs_, stalls_, ids_);
   if (is_socket) restrict_socket(listen.path);
   if (!is_socket) listen.port = rpc_->port();
   address_ = listen.to_text();
@@ -56,13 +70,13 @@ Daemon::Daemon(const DaemonSettings& settings, std::function<void(const std::str
 }
 
 Daemon::~Daemon() {
-  rpc_.reset();
   {
     std::lock_guard lock(mutex_);
     is_closing_ = true;
   }
   changed_.notify_all();
   thread_.join();
+  rpc_.reset();
 }
 
 void Daemon::wake() {
@@ -81,6 +95,11 @@ void Daemon::run() {
     lock.unlock();
     jobs_->tick();
     if (roles_) roles_->reload_if_changed();
+    stalls_.cut();
+    if (storage_.has_failed() && !is_read_only_) {
+      is_read_only_ = true;
+      rpc_->set_read_only();
+    }
     const bool is_drained = jobs_->is_drained();
     lock.lock();
     if (is_drained && !is_drained_) {

@@ -3,8 +3,10 @@
 #include "server/config/listen_address.h"
 #include "server/jobs/blob_catalog.h"
 #include "server/jobs/job_manager.h"
+#include "server/jobs/storage_state.h"
 #include "server/launch/local_launcher.h"
 #include "server/rpc/rpc_server.h"
+#include "server/rpc/stall_watch.h"
 #include "server/store/blob_directory.h"
 #include "server/store/data_directory.h"
 #include "server/store/random_ids.h"
@@ -30,6 +32,7 @@ struct DaemonSettings {
   std::filesystem::path roles;   ///< "": nobody but local callers has a right
   std::filesystem::path worker;  ///< the worker's program
   ManagerSettings jobs;
+  ReserveSettings reserve;
   std::string version;
   std::function<void(const std::string& line)> log = [](const std::string&) {};  ///< from any thread
 };
@@ -38,13 +41,16 @@ struct DaemonSettings {
 struct DaemonParts {
   std::unique_ptr<Launcher> launcher;
   std::function<std::unique_ptr<JobStore>(std::unique_ptr<JobStore>)> wrap_store;
+  std::shared_ptr<const Clock> clock;
+  std::shared_ptr<Disk> disk;
 };
 
 /// A running daemon: opens the store, recovers what an earlier one left, listens. Destruction without stop() leaves
 /// workers running, like a crash.
 class Daemon {
  public:
-  /// `on_broken` is called from another thread when the daemon cannot go on. Throws std::runtime_error or InvalidInput.
+  /// `on_broken` is called once, from another thread, when the disk has failed and the daemon only reads from then on.
+  /// Throws std::runtime_error or InvalidInput.
   Daemon(const DaemonSettings& settings, std::function<void(const std::string& reason)> on_broken,
          DaemonParts parts = {});
   ~Daemon();
@@ -66,19 +72,24 @@ class Daemon {
   std::vector<std::string> protected_addresses_;
   std::shared_ptr<RolesFile> roles_;
   DataDirectory directory_;
-  SystemClock clock_;
+  const std::shared_ptr<const Clock> clock_;
+  const std::shared_ptr<Disk> disk_;
   RandomIds ids_;
+  StorageState storage_;
   BlobDirectory bytes_;
+  StallWatch stalls_;
 
   std::mutex mutex_;
   std::condition_variable changed_;
   bool has_work_ = false;
   bool is_drained_ = false;
   bool is_closing_ = false;
+  bool is_read_only_ = false;  // own thread only
 
   // Launcher and store call the manager from their threads until they are gone, so they go first.
   std::unique_ptr<JobManager> jobs_;
   std::unique_ptr<BlobCatalog> blobs_;
+  SqliteJobStore* rows_ = nullptr;  // inside store_
   std::unique_ptr<JobStore> store_;
   std::unique_ptr<Launcher> launcher_;
   std::unique_ptr<RpcServer> rpc_;

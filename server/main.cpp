@@ -9,7 +9,6 @@
 
 #include <poll.h>
 #include <signal.h>
-#include <sys/eventfd.h>
 #include <sys/signalfd.h>
 #include <sys/stat.h>
 #include <unistd.h>
@@ -46,13 +45,12 @@ bool stdin_is_open() {
   return count > 0 || (count < 0 && (errno == EINTR || errno == EAGAIN));
 }
 
-void wait_for_end(int signals, int broken, bool watch_stdin) {
-  pollfd polled[] = {{signals, POLLIN, 0}, {broken, POLLIN, 0}, {watch_stdin ? STDIN_FILENO : -1, POLLIN, 0}};
+void wait_for_end(int signals, bool watch_stdin) {
+  pollfd polled[] = {{signals, POLLIN, 0}, {watch_stdin ? STDIN_FILENO : -1, POLLIN, 0}};
   while (true) {
-    if (::poll(polled, 3, -1) < 0) continue;
+    if (::poll(polled, 2, -1) < 0) continue;
     if (polled[0].revents) return spdlog::info("asked to stop by a signal");
-    if (polled[1].revents) return;
-    if (polled[2].revents && !stdin_is_open()) return spdlog::info("standard input has ended");
+    if (polled[1].revents && !stdin_is_open()) return spdlog::info("standard input has ended");
   }
 }
 
@@ -65,6 +63,7 @@ DaemonSettings settings_of(const Config& config) {
   settings.roles = config.roles;
   settings.worker = config.worker;
   settings.version = SALTUS_VERSION;
+  settings.reserve = config.reserve;
   settings.log = [](const std::string& line) { spdlog::info("{}", line); };
   settings.jobs.slots = config.slots;
   settings.jobs.default_threads = config.threads_per_job;
@@ -77,19 +76,17 @@ DaemonSettings settings_of(const Config& config) {
 }
 
 int serve(const Config& config, int signals) {
-  const int broken = eventfd(0, EFD_CLOEXEC);
   std::atomic<bool> is_broken{false};
   Daemon daemon(settings_of(config), [&](const std::string& reason) {
-    spdlog::critical("the database has failed: {}", reason);
+    spdlog::critical("the disk has failed, so the daemon only reads until it is started again: {}", reason);
     is_broken = true;
-    eventfd_write(broken, 1);
   });
   spdlog::info("saltusd {} serves {} with {} slots", SALTUS_VERSION, daemon.address(), config.slots);
   std::printf("listening on %s\n", daemon.address().c_str());
   for (const std::string& address : daemon.protected_addresses())
     std::printf("listening on %s with mutual TLS\n", address.c_str());
   std::fflush(stdout);
-  wait_for_end(signals, broken, config.exit_on_stdin_close);
+  wait_for_end(signals, config.exit_on_stdin_close);
   daemon.stop();
   spdlog::info("stopped");
   return is_broken ? kFailed : 0;

@@ -6,7 +6,9 @@
 #include <cerrno>
 #include <cstring>
 #include <fstream>
+#include <iomanip>
 #include <optional>
+#include <random>
 #include <sstream>
 #include <utility>
 
@@ -62,24 +64,42 @@ class PendingFile {
   bool committed_ = false;
 };
 
+std::string random_id() {
+  std::random_device random;
+  std::ostringstream id;
+  for (int i = 0; i < 4; ++i) id << std::hex << std::setw(8) << std::setfill('0') << random();
+  return id.str();
+}
+
+/// The same for the same bytes sent by the same user of the same machine, so that a later process goes on with what an
+/// earlier one has left.
+std::string lasting_id(const FileDigest& what) {
+  char host[256] = {};
+  if (gethostname(host, sizeof host - 1) != 0) return random_id();
+  Sha256 sha;
+  sha.add("upload\n" + std::string(host) + "\n" + std::to_string(getuid()) + "\n" + what.digest);
+  return sha.digest().substr(std::strlen("sha256:"), 32);
+}
+
 grpc::Status send_file(v1::BlobService::Stub& stub, grpc::ClientContext& context, const std::filesystem::path& file,
-                       const FileDigest& what) {
+                       const FileDigest& what, const std::string& id, std::int64_t offset) {
   std::ifstream in(file, std::ios::binary);
-  if (!in) throw LocalFileError(file.string() + " cannot be read: " + std::strerror(errno));
+  if (!in || !in.seekg(offset)) throw LocalFileError(file.string() + " cannot be read: " + std::strerror(errno));
   v1::WriteBlobResponse response;
   auto writer = stub.WriteBlob(&context, &response);
   v1::WriteBlobRequest request;
   request.set_digest(what.digest);
   request.set_size(what.size);
+  request.set_upload_id(id);
+  request.set_write_offset(offset);
   std::string buffer(upload_chunk, '\0');
   bool open = true;
-  // The first message goes out even for an empty file. Write() is false when the daemon has answered early.
+  // The first message goes out even for an empty rest. Write() is false when the daemon has answered early.
   do {
     in.read(buffer.data(), static_cast<std::streamsize>(buffer.size()));
     request.set_data(buffer.data(), static_cast<std::size_t>(in.gcount()));
     open = writer->Write(request);
-    request.clear_digest();
-    request.clear_size();
+    request.Clear();
   } while (open && in);
   if (open) writer->WritesDone();
   return writer->Finish();
@@ -98,8 +118,31 @@ FileDigest BlobTransfer::upload(const std::filesystem::path& file) {
   call(settings_, CallKind::Unary,
        [&](grpc::ClientContext& context, bool&) { return stub_->FindMissingBlobs(&context, question, &answer); });
   if (answer.missing().empty()) return what;
-  call(settings_, CallKind::Stream,
-       [&](grpc::ClientContext& context, bool&) { return send_file(*stub_, context, file, what); });
+  std::string id = lasting_id(what);
+  std::optional<std::int64_t> committed;
+  call(settings_, CallKind::Stream, [&](grpc::ClientContext& context, bool& moved) {
+    v1::QueryWriteStatusRequest status_request;
+    status_request.set_digest(what.digest);
+    status_request.set_size(what.size);
+    status_request.set_upload_id(id);
+    v1::QueryWriteStatusResponse progress;
+    call(settings_, CallKind::Unary,
+         [&](grpc::ClientContext& query, bool&) { return stub_->QueryWriteStatus(&query, status_request, &progress); });
+    if (progress.complete()) return grpc::Status::OK;
+    moved = committed && progress.committed_size() > *committed;
+    committed = progress.committed_size();
+    const grpc::Status status = send_file(*stub_, context, file, what, id, *committed);
+    if (status.ok()) return status;
+    const std::string reason = error_of(status, context, settings_.address).reason();
+    // Another process sends the same file. Whoever is second goes its own way, or they would take it from each other.
+    if (reason == "UPLOAD_TAKEN_OVER") id = random_id();
+    // What an earlier stream has left may be spoilt; the daemon has dropped it.
+    if (reason == "DIGEST_MISMATCH" && *committed > 0) id = random_id();
+    // The cut stream's last bytes have become safe meanwhile: ask again.
+    if (reason == "UPLOAD_TAKEN_OVER" || reason == "OFFSET_MISMATCH" || (reason == "DIGEST_MISMATCH" && *committed > 0))
+      return grpc::Status(grpc::StatusCode::UNAVAILABLE, status.error_message());
+    return status;
+  });
   return what;
 }
 

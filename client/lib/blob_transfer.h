@@ -17,7 +17,8 @@ class BlobTransfer {
  public:
   BlobTransfer(std::shared_ptr<grpc::Channel> channel, CallSettings settings);
 
-  /// Sends the file unless the daemon has its bytes already. 1 MiB messages; a cut upload begins again.
+  /// Sends the file unless the daemon has its bytes already. 1 MiB messages; an upload that was cut goes on where its
+  /// bytes are safe, also one of an earlier process of this user on this machine.
   FileDigest upload(const std::filesystem::path& file);
 
   /// Writes the blob to `file`. The file appears under its name only when it is complete and its digest is right;

@@ -1,6 +1,7 @@
 #include "server/config/config.h"
 
 #include "core/support/errors.h"
+#include "server/config/disk_reserve_text.h"
 
 #include <CLI/CLI.hpp>
 
@@ -86,6 +87,12 @@ ParsedConfig parse_config(int argc, char** argv) {
                  "At least so long between two checkpoints of a job, from which another worker can go on; 0 makes none")
       ->check(CLI::Range(0.0, 86400.0))
       ->capture_default_str();
+  std::string reserve;
+  app.add_option(
+         "--disk-reserve", reserve,
+         "What uploads leave free on the disk: bytes, MiB or GiB as 512M or 4G, or a share as 10% [the larger of "
+         "5% and 2G]")
+      ->type_name("SIZE");
   app.add_option("--log-level", config.log_level, "trace, debug, info, warning, error or off")
       ->check(CLI::IsMember({"trace", "debug", "info", "warning", "error", "off"}))
       ->capture_default_str();
@@ -106,6 +113,7 @@ ParsedConfig parse_config(int argc, char** argv) {
   if (config.slots == 0) config.slots = std::max(1, cores / config.threads_per_job);
   config.worker = worker.empty() ? default_worker() : fs::absolute(worker);
   require_program(config.worker);
+  if (!reserve.empty()) config.reserve = parse_reserve(reserve);
   config.lease = std::chrono::milliseconds(static_cast<long long>(lease_seconds * 1000));
   config.checkpoint_interval = std::chrono::milliseconds(static_cast<long long>(checkpoint_seconds * 1000));
   return parsed;

@@ -2,6 +2,7 @@
 
 #include "server/config/listen_address.h"
 #include "server/rpc/listener.h"
+#include "server/store/disk_reserve.h"
 
 #include <chrono>
 #include <filesystem>
@@ -22,6 +23,7 @@ struct Config {
   int threads_per_job = 0;
   std::chrono::milliseconds lease{};
   std::chrono::milliseconds checkpoint_interval{};
+  ReserveSettings reserve;
   std::string log_level;
   bool exit_on_stdin_close = false;
 };

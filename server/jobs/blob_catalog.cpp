@@ -27,9 +27,9 @@ bool BlobCatalog::has(const std::string& digest, std::int64_t size) {
   return known == size && bytes_.holds(digest, size);
 }
 
-std::unique_ptr<BlobUpload> BlobCatalog::begin(const std::string& digest, std::int64_t size) {
-  return bytes_.begin(digest, size);
-}
+std::unique_ptr<BlobUpload> BlobCatalog::begin(const UploadPlan& plan) { return bytes_.begin(plan); }
+
+std::int64_t BlobCatalog::committed(const UploadPlan& plan) { return bytes_.committed(plan); }
 
 void BlobCatalog::commit(std::shared_ptr<BlobUpload> upload, JobStore::Done done) {
   // The file gets its name on the writing thread, so that it cannot cross a removal of the same digest.

@@ -20,8 +20,10 @@ class BlobCatalog {
   std::vector<std::string> missing(const std::vector<std::string>& digests);
   /// Blocks.
   bool has(const std::string& digest, std::int64_t size);
-  /// Blocks.
-  std::unique_ptr<BlobUpload> begin(const std::string& digest, std::int64_t size);
+  /// As BlobStore::begin. Blocks.
+  std::unique_ptr<BlobUpload> begin(const UploadPlan& plan);
+  /// As BlobStore::committed: how many bytes of an upload that has not become a blob are safe. Blocks.
+  std::int64_t committed(const UploadPlan& plan);
   /// Makes a sealed upload a blob; `done` as in JobStore::write.
   void commit(std::shared_ptr<BlobUpload> upload, JobStore::Done done);
   /// Blocks. Throws NotFound BLOB_NOT_FOUND.

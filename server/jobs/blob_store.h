@@ -8,15 +8,30 @@
 
 namespace saltus::server {
 
-/// Bytes on their way in. Discarded on destruction unless published. One thread at a time.
+/// What a client announces before it sends bytes.
+struct UploadPlan {
+  std::string digest;
+  std::int64_t size = 0;    ///< of the whole blob
+  std::string id;           ///< letters, digits, '-' and '_': the upload can be continued by this name; "" it cannot
+  std::int64_t offset = 0;  ///< where the bytes to come begin
+};
+
+/// Bytes on their way in. Discarded on destruction unless published or parked. One thread at a time.
 class BlobUpload {
  public:
   virtual ~BlobUpload() = default;
   virtual const std::string& digest() const = 0;
   virtual std::int64_t size() const = 0;  ///< as announced
-  /// Throws Refusal when more bytes come than announced or the disk is full.
+  /// Reads again what earlier streams left, at most `budget` bytes of it, for the digest. True when all was read; only
+  /// then bytes can be appended.
+  virtual bool prepare(std::int64_t budget) = 0;
+  /// Throws Refusal when more bytes come than announced, the disk is full (STORAGE_FULL) or fails (STORE_UNAVAILABLE),
+  /// or another stream goes on with this upload (UPLOAD_TAKEN_OVER).
   virtual void append(std::string_view bytes) = 0;
-  /// Checks size and digest, and makes the bytes durable. Throws Refusal DIGEST_MISMATCH or SIZE_MISMATCH.
+  /// Makes what came durable and keeps it for a later stream, if the upload has an id. For streams that were cut.
+  virtual void park() = 0;
+  /// Checks size and digest, and makes the bytes durable. Throws Refusal DIGEST_MISMATCH, after which nothing is left,
+  /// or SIZE_MISMATCH.
   virtual void seal() = 0;
 };
 
@@ -29,7 +44,8 @@ class BlobReader {
   virtual std::int64_t position() const = 0;
   /// Moves towards `target`, reading at most `budget` bytes for the check. True when it is reached.
   virtual bool advance(std::int64_t target, std::int64_t budget) = 0;
-  /// The next bytes, at most `limit`. Throws Refusal BLOB_CORRUPT.
+  /// The next bytes, at most `limit`. Throws Refusal BLOB_CORRUPT; the bytes then count as missing, so that they can be
+  /// uploaded again.
   virtual std::string read(std::size_t limit) = 0;
 };
 
@@ -37,7 +53,11 @@ class BlobReader {
 class BlobStore {
  public:
   virtual ~BlobStore() = default;
-  virtual std::unique_ptr<BlobUpload> begin(const std::string& digest, std::int64_t size) = 0;
+  /// Throws Refusal OFFSET_MISMATCH when the bytes to come do not begin where those that are safe end; STORAGE_FULL
+  /// when the blob would not leave the disk its reserve; STORE_UNAVAILABLE.
+  virtual std::unique_ptr<BlobUpload> begin(const UploadPlan& plan) = 0;
+  /// How many bytes of an upload are durable; 0 for one that nobody knows.
+  virtual std::int64_t committed(const UploadPlan& plan) = 0;
   /// Gives a sealed upload its final name, durably.
   virtual void publish(BlobUpload& upload) = 0;
   /// The bytes are there with this size.

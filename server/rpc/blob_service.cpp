@@ -8,9 +8,10 @@
 
 namespace saltus::server {
 
-BlobServiceImpl::BlobServiceImpl(BlobCatalog& blobs, TaskPool& pool)
+BlobServiceImpl::BlobServiceImpl(BlobCatalog& blobs, TaskPool& pool, StallWatch& stalls)
     : blobs_(blobs),
       pool_(pool),
+      stalls_(stalls),
       uploads_("upload", limits::kUploadStreams),
       downloads_("download", limits::kDownloadStreams) {}
 
@@ -26,12 +27,25 @@ grpc::ServerUnaryReactor* BlobServiceImpl::FindMissingBlobs(grpc::CallbackServer
 
 grpc::ServerReadReactor<v1::WriteBlobRequest>* BlobServiceImpl::WriteBlob(grpc::CallbackServerContext* context,
                                                                           v1::WriteBlobResponse* response) {
-  return receive_blob(blobs_, pool_, uploads_, *context, *response);
+  return receive_blob(blobs_, pool_, uploads_, stalls_, *context, *response);
 }
 
 grpc::ServerWriteReactor<v1::ReadBlobResponse>* BlobServiceImpl::ReadBlob(grpc::CallbackServerContext* context,
                                                                           const v1::ReadBlobRequest* request) {
-  return send_blob(blobs_, pool_, downloads_, *context, *request);
+  return send_blob(blobs_, pool_, downloads_, stalls_, *context, *request);
+}
+
+grpc::ServerUnaryReactor* BlobServiceImpl::QueryWriteStatus(grpc::CallbackServerContext* context,
+                                                            const v1::QueryWriteStatusRequest* request,
+                                                            v1::QueryWriteStatusResponse* response) {
+  return answer_from_pool(pool_, context, [this, request, response] {
+    validate(*request);
+    const bool is_complete = blobs_.has(request->digest(), request->size());
+    response->set_complete(is_complete);
+    response->set_committed_size(is_complete
+                                     ? request->size()
+                                     : blobs_.committed({request->digest(), request->size(), request->upload_id(), 0}));
+  });
 }
 
 }  // namespace saltus::server

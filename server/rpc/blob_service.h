@@ -1,6 +1,7 @@
 #pragma once
 
 #include "server/jobs/blob_catalog.h"
+#include "server/rpc/stall_watch.h"
 #include "server/rpc/stream_gate.h"
 #include "server/rpc/task_pool.h"
 
@@ -11,7 +12,7 @@ namespace saltus::server {
 /// Uploads and downloads. Never blocks a callback thread; each stream has one message in memory.
 class BlobServiceImpl final : public v1::BlobService::CallbackService {
  public:
-  BlobServiceImpl(BlobCatalog& blobs, TaskPool& pool);
+  BlobServiceImpl(BlobCatalog& blobs, TaskPool& pool, StallWatch& stalls);
 
   grpc::ServerUnaryReactor* FindMissingBlobs(grpc::CallbackServerContext*, const v1::FindMissingBlobsRequest*,
                                              v1::FindMissingBlobsResponse*) override;
@@ -19,10 +20,13 @@ class BlobServiceImpl final : public v1::BlobService::CallbackService {
                                                            v1::WriteBlobResponse*) override;
   grpc::ServerWriteReactor<v1::ReadBlobResponse>* ReadBlob(grpc::CallbackServerContext*,
                                                            const v1::ReadBlobRequest*) override;
+  grpc::ServerUnaryReactor* QueryWriteStatus(grpc::CallbackServerContext*, const v1::QueryWriteStatusRequest*,
+                                             v1::QueryWriteStatusResponse*) override;
 
  private:
   BlobCatalog& blobs_;
   TaskPool& pool_;
+  StallWatch& stalls_;
   StreamGate uploads_;
   StreamGate downloads_;
 };

@@ -18,9 +18,14 @@ constexpr std::int64_t kSkipBytes = 8 << 20;
 /// members.
 class DownloadStream final : public grpc::ServerWriteReactor<v1::ReadBlobResponse> {
  public:
-  DownloadStream(BlobCatalog& blobs, TaskPool& pool, StreamGate& gate, grpc::CallbackServerContext& context,
-                 const v1::ReadBlobRequest& request)
-      : blobs_(blobs), pool_(pool), context_(context), digest_(request.digest()), offset_(request.offset()) {
+  DownloadStream(BlobCatalog& blobs, TaskPool& pool, StreamGate& gate, StallWatch& stalls,
+                 grpc::CallbackServerContext& context, const v1::ReadBlobRequest& request)
+      : blobs_(blobs),
+        pool_(pool),
+        context_(context),
+        stall_(stalls, context),
+        digest_(request.digest()),
+        offset_(request.offset()) {
     try {
       validate(request);
       pass_ = gate.enter();
@@ -32,6 +37,7 @@ class DownloadStream final : public grpc::ServerWriteReactor<v1::ReadBlobRespons
   }
 
   void OnWriteDone(bool is_ok) override {
+    stall_.moved();
     if (!is_ok) return Finish(grpc::Status::CANCELLED);
     post();
   }
@@ -61,6 +67,7 @@ class DownloadStream final : public grpc::ServerWriteReactor<v1::ReadBlobRespons
     response_.set_crc32c(crc32c(bytes));
     response_.set_data(std::move(bytes));
     is_answered_ = true;
+    stall_.waits();
     StartWrite(&response_);
   }
 
@@ -82,6 +89,7 @@ class DownloadStream final : public grpc::ServerWriteReactor<v1::ReadBlobRespons
   BlobCatalog& blobs_;
   TaskPool& pool_;
   grpc::CallbackServerContext& context_;
+  StallWatch::Stream stall_;
   const std::string digest_;
   const std::int64_t offset_;
   StreamGate::Pass pass_;
@@ -93,9 +101,9 @@ class DownloadStream final : public grpc::ServerWriteReactor<v1::ReadBlobRespons
 }  // namespace
 
 grpc::ServerWriteReactor<v1::ReadBlobResponse>* send_blob(BlobCatalog& blobs, TaskPool& pool, StreamGate& gate,
-                                                          grpc::CallbackServerContext& context,
+                                                          StallWatch& stalls, grpc::CallbackServerContext& context,
                                                           const v1::ReadBlobRequest& request) {
-  return new DownloadStream(blobs, pool, gate, context, request);
+  return new DownloadStream(blobs, pool, gate, stalls, context, request);
 }
 
 }  // namespace saltus::server

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <chrono>
 #include <cstddef>
 #include <cstdint>
 
@@ -20,8 +21,10 @@ constexpr int kDigestsPerCall = 1000;
 constexpr int kWatchStreams = 256;
 constexpr int kUploadStreams = 16;
 constexpr int kDownloadStreams = 32;
+constexpr std::chrono::seconds kStalledStream{60};  // a transfer that has not moved for so long is cut off
 
 constexpr std::size_t kRequestIdBytes = 36;
+constexpr std::size_t kUploadIdBytes = 64;
 constexpr std::size_t kStringBytes = 4096;
 constexpr int kLabels = 32;
 constexpr std::size_t kLabelNameBytes = 63;

@@ -23,6 +23,7 @@ constexpr MethodRule kRules[] = {
     {"/saltus.v1.BlobService/FindMissingBlobs", None, All, All, All, false},
     {"/saltus.v1.BlobService/WriteBlob", None, All, All, All, true},
     {"/saltus.v1.BlobService/ReadBlob", All, All, All, All, false},
+    {"/saltus.v1.BlobService/QueryWriteStatus", None, All, All, All, false},
 
     {"/saltus.v1.ServerInfoService/GetServerInfo", All, All, All, All, false},
 

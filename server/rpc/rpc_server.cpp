@@ -26,11 +26,12 @@ void enable_extensions() {
 
 }  // namespace
 
-RpcServer::RpcServer(const RpcSettings& settings, JobManager& jobs, BlobCatalog& blobs, const IdSource& ids)
+RpcServer::RpcServer(const RpcSettings& settings, JobManager& jobs, BlobCatalog& blobs, StallWatch& stalls,
+                     const IdSource& ids)
     : authorisation_(settings.roles),
       pool_(kPoolThreads),
       registration_(jobs, ids, authorisation_, pool_),
-      blobs_(blobs, pool_),
+      blobs_(blobs, pool_, stalls),
       info_(jobs, settings.version),
       worker_(jobs, pool_) {
   enable_extensions();
@@ -65,6 +66,12 @@ RpcServer::RpcServer(const RpcSettings& settings, JobManager& jobs, BlobCatalog&
 RpcServer::~RpcServer() { stop(std::chrono::milliseconds(0)); }
 
 void RpcServer::set_not_serving() { server_->GetHealthCheckService()->SetServingStatus(false); }
+
+void RpcServer::set_read_only() {
+  for (const char* service : {v1::RegistrationService::service_full_name(), v1::BlobService::service_full_name(),
+                              v1::WorkerService::service_full_name(), ""})
+    server_->GetHealthCheckService()->SetServingStatus(service, false);
+}
 
 void RpcServer::stop(std::chrono::milliseconds grace) {
   if (!server_) return;

@@ -8,6 +8,7 @@
 #include "server/rpc/listener.h"
 #include "server/rpc/registration_service.h"
 #include "server/rpc/server_info_service.h"
+#include "server/rpc/stall_watch.h"
 #include "server/rpc/task_pool.h"
 #include "server/rpc/worker_service.h"
 
@@ -32,7 +33,7 @@ struct RpcSettings {
 class RpcServer {
  public:
   /// Listens at once. Throws std::runtime_error when it cannot, InvalidInput when a TLS file cannot be used.
-  RpcServer(const RpcSettings& settings, JobManager& jobs, BlobCatalog& blobs, const IdSource& ids);
+  RpcServer(const RpcSettings& settings, JobManager& jobs, BlobCatalog& blobs, StallWatch& stalls, const IdSource& ids);
   /// Ends all calls.
   ~RpcServer();
 
@@ -42,6 +43,8 @@ class RpcServer {
   const std::vector<int>& protected_ports() const { return protected_ports_; }
   /// Health becomes NOT_SERVING; calls still work.
   void set_not_serving();
+  /// The services that write become NOT_SERVING, and so does the whole; what only reads still works.
+  void set_read_only();
   /// Takes no new calls, gives those under way until `grace` is over, then cancels them.
   void stop(std::chrono::milliseconds grace);
 

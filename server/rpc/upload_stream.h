@@ -1,6 +1,7 @@
 #pragma once
 
 #include "server/jobs/blob_catalog.h"
+#include "server/rpc/stall_watch.h"
 #include "server/rpc/stream_gate.h"
 #include "server/rpc/task_pool.h"
 
@@ -9,8 +10,9 @@
 namespace saltus::server {
 
 /// Receives one blob. The next message is read when the one before is on disk; the answer comes when all is durable.
+/// Where the upload has a name, what came of a stream that was cut is made durable and kept.
 grpc::ServerReadReactor<v1::WriteBlobRequest>* receive_blob(BlobCatalog& blobs, TaskPool& pool, StreamGate& gate,
-                                                            grpc::CallbackServerContext& context,
+                                                            StallWatch& stalls, grpc::CallbackServerContext& context,
                                                             v1::WriteBlobResponse& response);
 
 }  // namespace saltus::server

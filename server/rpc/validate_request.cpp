@@ -15,6 +15,7 @@ namespace {
 
 constexpr std::string_view kHexDigits = "0123456789abcdef";
 constexpr std::string_view kPlainName = "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789._-";
+constexpr std::string_view kIdCharacters = "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789_-";
 constexpr std::size_t kShownBytes = 80;
 constexpr std::size_t kWordBytes = 128;
 const std::vector<std::string> kImageFormats = {"mha", "nii", "nii.gz", "nrrd", "png"};
@@ -62,6 +63,15 @@ void check_digest(const std::string& field, const std::string& digest) {
   const bool is_well_formed = text.size() == 71 && text.starts_with("sha256:") &&
                               text.substr(7).find_first_not_of(kHexDigits) == std::string_view::npos;
   if (!is_well_formed) refuse(field, shown(digest), "it must be sha256: and 64 lower-case hex digits");
+}
+
+void check_upload(const std::string& digest, std::int64_t size, const std::string& upload_id) {
+  check_digest("digest", digest);
+  if (size < 0 || size > limits::kBlobBytes)
+    refuse("size", std::to_string(size), "it must be 0 to " + std::to_string(limits::kBlobBytes) + " bytes");
+  if (upload_id.size() > limits::kUploadIdBytes || upload_id.find_first_not_of(kIdCharacters) != std::string::npos)
+    refuse("upload_id", shown(upload_id),
+           "it must have at most " + std::to_string(limits::kUploadIdBytes) + " letters, digits, '-' and '_'");
 }
 
 void check_file(const std::string& field, const v1::InputFile& file, const std::vector<std::string>& formats) {
@@ -184,10 +194,18 @@ void validate(const v1::ReadBlobRequest& request) {
   if (request.offset() < 0) refuse("offset", std::to_string(request.offset()), "it must be 0 or more");
 }
 
-void validate_upload(const std::string& digest, std::int64_t size) {
-  check_digest("digest", digest);
-  if (size < 0 || size > limits::kBlobBytes)
-    refuse("size", std::to_string(size), "it must be 0 to " + std::to_string(limits::kBlobBytes) + " bytes");
+void validate_upload(const v1::WriteBlobRequest& first) {
+  check_upload(first.digest(), first.size(), first.upload_id());
+  if (first.write_offset() < 0 || first.write_offset() > first.size())
+    refuse("write_offset", std::to_string(first.write_offset()),
+           "it must be 0 to the size, " + std::to_string(first.size()));
+  if (first.write_offset() > 0 && first.upload_id().empty())
+    refuse("write_offset", std::to_string(first.write_offset()),
+           "only an upload with an upload_id can be continued; begin at 0");
+}
+
+void validate(const v1::QueryWriteStatusRequest& request) {
+  check_upload(request.digest(), request.size(), request.upload_id());
 }
 
 void validate_job_id(const std::string& id) {

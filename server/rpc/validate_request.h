@@ -16,7 +16,8 @@ void validate(const v1::ReadBlobRequest& request);
 void validate(const v1::PutCheckpointRequest& request);
 void validate(const v1::CompleteJobRequest& request);
 /// The first message of an upload.
-void validate_upload(const std::string& digest, std::int64_t size);
+void validate_upload(const v1::WriteBlobRequest& first);
+void validate(const v1::QueryWriteStatusRequest& request);
 void validate_job_id(const std::string& id);
 
 /// What ServerInfo lists and validate accepts.

@@ -1,19 +1,34 @@
 #pragma once
 
 #include "server/jobs/blob_store.h"
+#include "server/jobs/clock.h"
+#include "server/jobs/storage_state.h"
+#include "server/store/disk.h"
+#include "server/store/disk_reserve.h"
+#include "server/store/upload_parts.h"
 
 #include <filesystem>
 #include <functional>
+#include <mutex>
 
 namespace saltus::server {
 
-/// Blobs as files: blobs/ab/cdef... for sha256:abcdef..., written beside as uploads/*.part. Both folders must be on one
-/// filesystem.
+struct BlobFolders {
+  std::filesystem::path blobs;    ///< ab/cdef... for sha256:abcdef...
+  std::filesystem::path uploads;  ///< *.part
+  std::filesystem::path corrupt;  ///< bytes that are not what their name says, under that name
+};
+
+/// Blobs as files. All folders must be on one file system. A blob whose bytes turn out to be damaged is moved aside, so
+/// that it counts as missing and the next upload heals it.
 class BlobDirectory final : public BlobStore {
  public:
-  BlobDirectory(std::filesystem::path blobs, std::filesystem::path uploads);
+  /// Removes what uploads left that cannot be continued.
+  BlobDirectory(BlobFolders folders, StorageState& state, const Clock& clock, ReserveSettings reserve = {},
+                UploadParts::Limits limits = {}, Disk& disk = real_disk());
 
-  std::unique_ptr<BlobUpload> begin(const std::string& digest, std::int64_t size) override;
+  std::unique_ptr<BlobUpload> begin(const UploadPlan& plan) override;
+  std::int64_t committed(const UploadPlan& plan) override;
   void publish(BlobUpload& upload) override;
   bool holds(const std::string& digest, std::int64_t size) const override;
   std::unique_ptr<BlobReader> open(const std::string& digest, std::int64_t size) override;
@@ -22,11 +37,20 @@ class BlobDirectory final : public BlobStore {
   /// Removes files that `is_known` does not know by digest: what a crash left between two steps. Returns how many.
   int remove_unknown(const std::function<bool(const std::string& digest)>& is_known);
 
- private:
-  std::filesystem::path path_of(const std::string& digest) const;
+  UploadParts& uploads() { return uploads_; }
 
-  std::filesystem::path blobs_;
-  std::filesystem::path uploads_;
+ private:
+  static Disk& real_disk();
+  std::filesystem::path path_of(const std::string& digest) const;
+  void sync_folder(const std::filesystem::path& folder);
+  void set_aside(const std::string& digest, int descriptor);
+
+  const BlobFolders folders_;
+  StorageState& state_;
+  Disk& disk_;
+  DiskReserve reserve_;
+  UploadParts uploads_;
+  std::mutex names_mutex_;  // of the names in blobs: what is set aside must be what was read
 };
 
 }  // namespace saltus::server

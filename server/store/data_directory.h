@@ -6,11 +6,11 @@ namespace saltus::server {
 
 /// The daemon's folder, held by one daemon at a time. Its files are for the owner only when the umask is 0077.
 ///
-///     saltusd.db   blobs/sha256/ab/cdef...   uploads/*.part   run/*.token   logs/*.log   lock
+///     saltusd.db   blobs/sha256/ab/cdef...   uploads/*.part   corrupt/*   run/*.token   logs/*.log   lock
 class DataDirectory {
  public:
-  /// Makes what is missing, takes the lock and removes what interrupted uploads left. Throws std::runtime_error when
-  /// another daemon holds the folder or it cannot be written.
+  /// Makes what is missing and takes the lock. Throws std::runtime_error when another daemon holds the folder, with the
+  /// number of its process, or it cannot be written.
   explicit DataDirectory(std::filesystem::path root);
   ~DataDirectory();
   DataDirectory(const DataDirectory&) = delete;
@@ -19,6 +19,7 @@ class DataDirectory {
   std::filesystem::path database() const { return root_ / "saltusd.db"; }
   std::filesystem::path blobs() const { return root_ / "blobs" / "sha256"; }
   std::filesystem::path uploads() const { return root_ / "uploads"; }
+  std::filesystem::path corrupt() const { return root_ / "corrupt"; }
   std::filesystem::path run() const { return root_ / "run"; }
   std::filesystem::path logs() const { return root_ / "logs"; }
   std::filesystem::path work() const { return root_ / "work"; }

@@ -1,6 +1,8 @@
 #include "server/store/sqlite_job_store.h"
 
 #include "server/jobs/refusal.h"
+#include "server/jobs/storage_state.h"
+#include "server/store/disk_errors.h"
 #include "server/store/schema.h"
 #include "server/store/sqlite_job_table.h"
 
@@ -11,15 +13,6 @@ namespace {
 
 // Keeps the latency of the first of a long queue bounded.
 constexpr std::size_t kLargestGroup = 128;
-
-Refusal storage_full() {
-  return {RefusalKind::Exhausted, "STORAGE_FULL", "the daemon's disk is full; free some space or delete old jobs"};
-}
-
-Refusal unavailable() {
-  return {RefusalKind::Unavailable, "STORE_UNAVAILABLE",
-          "the daemon's database has failed and it is shutting down; see its log and restart it"};
-}
 
 }  // namespace
 
@@ -85,7 +78,7 @@ void SqliteJobStore::commit(std::vector<Write>& group) {
     for (Write& write : group)
       if (!write.error) write.error = std::make_exception_ptr(refusal);
   };
-  if (is_broken_) return fail_all(unavailable());
+  if (is_broken_) return fail_all(StorageState::refusal());
   try {
     writer_.execute("BEGIN IMMEDIATE");
     for (Write& write : group) run_one(write);
@@ -101,7 +94,7 @@ void SqliteJobStore::commit(std::vector<Write>& group) {
     }
     if (is_full && !is_broken_) return fail_all(storage_full());
     is_broken_ = true;
-    fail_all(unavailable());
+    fail_all(StorageState::refusal());
     on_broken_(reason);
   }
 }

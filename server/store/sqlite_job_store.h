@@ -3,6 +3,7 @@
 #include "server/jobs/job_store.h"
 #include "server/store/database.h"
 
+#include <atomic>
 #include <condition_variable>
 #include <filesystem>
 #include <memory>
@@ -17,8 +18,8 @@ namespace saltus::server {
 /// costs milliseconds, a row microseconds); readers have connections of their own and never wait for it.
 ///
 /// A full disk refuses the operations of that commit with STORAGE_FULL. Any other failure of the database is final: an
-/// fsync that failed cannot be repeated. From then on writes are refused with STORE_UNAVAILABLE and `on_broken` is
-/// called once.
+/// fsync that failed cannot be repeated. From then on writes are refused with STORE_UNAVAILABLE, and `on_broken` is
+/// called once; reading goes on.
 class SqliteJobStore final : public JobStore {
  public:
   /// Throws std::runtime_error when the file cannot be used.
@@ -28,6 +29,9 @@ class SqliteJobStore final : public JobStore {
 
   void write(Operation operation, Done done) override;
   void read(const std::function<void(JobReader&)>& operation) override;
+
+  /// From now on as after a failure of the database, because another part of the disk has failed.
+  void refuse_writes() { is_broken_ = true; }
 
   /// Digests of all blobs. Blocks.
   std::vector<std::string> blobs();
@@ -51,7 +55,7 @@ class SqliteJobStore final : public JobStore {
   std::condition_variable has_work_;
   std::vector<Write> waiting_;
   bool is_closing_ = false;
-  bool is_broken_ = false;  // writing thread only
+  std::atomic<bool> is_broken_{false};
 
   std::mutex readers_mutex_;
   std::vector<std::unique_ptr<Database>> readers_;

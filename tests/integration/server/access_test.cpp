@@ -116,7 +116,7 @@ TEST_F(Access, EachRoleMayCallWhatTheTableGivesItAndNothingElse) {
   std::set<std::string> submitter = reader;
   submitter.insert({registration + "CreateRegistrationJob", registration + "CancelRegistrationJob",
                     registration + "DeleteRegistrationJob", "/saltus.v1.BlobService/FindMissingBlobs",
-                    "/saltus.v1.BlobService/WriteBlob"});
+                    "/saltus.v1.BlobService/WriteBlob", "/saltus.v1.BlobService/QueryWriteStatus"});
   const std::set<std::string> admin = submitter;
   const std::set<std::string> for_workers = {worker + "AcquireLease",
                                              worker + "Heartbeat",
@@ -124,6 +124,7 @@ TEST_F(Access, EachRoleMayCallWhatTheTableGivesItAndNothingElse) {
                                              worker + "CompleteJob",
                                              "/saltus.v1.BlobService/FindMissingBlobs",
                                              "/saltus.v1.BlobService/WriteBlob",
+                                             "/saltus.v1.BlobService/QueryWriteStatus",
                                              "/saltus.v1.BlobService/ReadBlob",
                                              "/saltus.v1.ServerInfoService/GetServerInfo",
                                              "/grpc.health.v1.Health/Check",

@@ -19,6 +19,13 @@
 
 namespace saltus::testing_support {
 
+inline std::string trailer_of(const grpc::ClientContext& context, const char* key) {
+  const auto& trailers = context.GetServerTrailingMetadata();
+  const auto found = trailers.find(key);
+  return found == trailers.end() ? "" : std::string(found->second.data(), found->second.size());
+}
+inline std::string reason_of(const grpc::ClientContext& context) { return trailer_of(context, "saltus-reason"); }
+
 /// A daemon in this process on a unix socket, with a launcher that starts nothing: the test speaks as the worker.
 class DaemonTest : public ::testing::Test {
  protected:
@@ -29,11 +36,12 @@ class DaemonTest : public ::testing::Test {
     settings.data = folder / "data";
     settings.listen = {server::ListenAddress::Kind::UnixSocket, folder / "socket", "", 0};
     settings.jobs = job_settings;
+    settings.reserve = reserve;
     settings.version = "1.2.3";
     if (tune) tune(settings);
     if (!parts.launcher) parts.launcher = make_launcher();
     daemon = std::make_unique<server::Daemon>(
-        settings, [](const std::string& reason) { ADD_FAILURE() << reason; }, std::move(parts));
+        settings, [this](const std::string& reason) { on_broken(reason); }, std::move(parts));
     connect(daemon->address());
   }
   void connect(const std::string& address) {
@@ -78,6 +86,40 @@ class DaemonTest : public ::testing::Test {
     }
     writer->WritesDone();
     return writer->Finish();
+  }
+  /// One stream of an upload that can be continued: the bytes from `offset` on, at most `count` of them.
+  grpc::Status upload_part(const std::string& content, std::size_t offset, std::size_t count,
+                           std::string* reason = nullptr, const std::string& id = "id", std::size_t chunk = 1 << 20) {
+    grpc::ClientContext context;
+    v1::WriteBlobResponse response;
+    auto writer = blobs->WriteBlob(&context, &response);
+    v1::WriteBlobRequest request;
+    request.set_digest(digest_of(content));
+    request.set_size(static_cast<std::int64_t>(content.size()));
+    request.set_upload_id(id);
+    request.set_write_offset(static_cast<std::int64_t>(offset));
+    const std::size_t end = std::min(content.size(), offset + count);
+    bool is_open = writer->Write(request);
+    request.Clear();
+    for (std::size_t at = offset; is_open && at < end; at += chunk) {
+      request.set_data(content.substr(at, std::min(chunk, end - at)));
+      is_open = writer->Write(request);
+    }
+    writer->WritesDone();
+    const grpc::Status status = writer->Finish();
+    if (reason) *reason = reason_of(context);
+    return status;
+  }
+  v1::QueryWriteStatusResponse write_status(const std::string& content, const std::string& id = "id") {
+    grpc::ClientContext context;
+    v1::QueryWriteStatusRequest request;
+    request.set_digest(digest_of(content));
+    request.set_size(static_cast<std::int64_t>(content.size()));
+    request.set_upload_id(id);
+    v1::QueryWriteStatusResponse response;
+    const auto status = blobs->QueryWriteStatus(&context, request, &response);
+    EXPECT_TRUE(status.ok()) << status.error_message();
+    return response;
   }
   std::string uploaded(const std::string& content) {
     const auto status = upload(content, digest_of(content));
@@ -166,6 +208,8 @@ class DaemonTest : public ::testing::Test {
   TemporaryFolder folder;
   std::function<void(server::DaemonSettings&)> tune;  ///< changes what the next start uses
   server::ManagerSettings job_settings;
+  server::ReserveSettings reserve{0, 0};
+  std::function<void(const std::string&)> on_broken = [](const std::string& reason) { ADD_FAILURE() << reason; };
   std::set<server::AttemptKey> adoptable;
   FakeLauncher* launcher = nullptr;
   std::unique_ptr<server::Daemon> daemon;
@@ -175,11 +219,5 @@ class DaemonTest : public ::testing::Test {
   std::unique_ptr<v1::ServerInfoService::Stub> info;
   std::unique_ptr<v1::WorkerService::Stub> worker;
 };
-
-inline std::string reason_of(const grpc::ClientContext& context) {
-  const auto& trailers = context.GetServerTrailingMetadata();
-  const auto found = trailers.find("saltus-reason");
-  return found == trailers.end() ? "" : std::string(found->second.data(), found->second.size());
-}
 
 }  // namespace saltus::testing_support

@@ -33,7 +33,7 @@ class Process : public testing_support::DaemonTest {
   ChildProcess run(std::vector<std::string> arguments = {}) {
     std::vector<std::string> command = {SALTUS_DAEMON};
     const std::pair<std::string, std::string> defaults[] = {
-        {"--data", folder / "data"}, {"--worker", program}, {"--slots", "1"}};
+        {"--data", folder / "data"}, {"--worker", program}, {"--slots", "1"}, {"--disk-reserve", "0"}};
     for (const auto& [option, value] : defaults)
       if (std::find(arguments.begin(), arguments.end(), option) == arguments.end())
         command.insert(command.end(), {option, value});

@@ -21,10 +21,16 @@ class FakeBlobs : public v1::BlobService::Service {
   int cut_reads_after = -1;   ///< messages of the first read; -1: never
   int cut_writes_after = -1;  ///< the same for writes
   bool spoil_data = false;
+  bool spoil_writes = false;
   int writes = 0;
   int refusals = 0;         ///< questions that are answered RESOURCE_EXHAUSTED first
   std::string retry_after;  ///< in milliseconds, what these say about waiting; "" nothing
   std::size_t longest_message = 0;
+  std::map<std::string, std::string> parts;  ///< what is safe of uploads, by upload_id
+  std::vector<std::int64_t> write_offsets;
+  std::vector<std::string> upload_ids;
+  int take_overs = 0;  ///< uploads that are answered UPLOAD_TAKEN_OVER first
+  int late_parts = 0;  ///< uploads of which another byte becomes safe after the question
 
   grpc::Status FindMissingBlobs(grpc::ServerContext* context, const v1::FindMissingBlobsRequest* request,
                                 v1::FindMissingBlobsResponse* response) override {
@@ -39,32 +45,63 @@ class FakeBlobs : public v1::BlobService::Service {
     return grpc::Status::OK;
   }
 
-  grpc::Status WriteBlob(grpc::ServerContext*, grpc::ServerReader<v1::WriteBlobRequest>* reader,
+  grpc::Status WriteBlob(grpc::ServerContext* context, grpc::ServerReader<v1::WriteBlobRequest>* reader,
                          v1::WriteBlobResponse* response) override {
     ++writes;
     v1::WriteBlobRequest request;
-    std::string digest, data;
+    std::string digest, id;
     std::int64_t size = -1;
     for (int message = 0; reader->Read(&request); ++message) {
+      if (message == 0) {
+        digest = request.digest();
+        size = request.size();
+        id = request.upload_id();
+        write_offsets.push_back(request.write_offset());
+        upload_ids.push_back(id);
+        if (request.write_offset() != static_cast<std::int64_t>(parts[id].size())) {
+          context->AddTrailingMetadata("saltus-reason", "OFFSET_MISMATCH");
+          return {grpc::StatusCode::ABORTED, "another offset"};
+        }
+        if (take_overs > 0) {
+          --take_overs;
+          context->AddTrailingMetadata("saltus-reason", "UPLOAD_TAKEN_OVER");
+          return {grpc::StatusCode::ABORTED, "taken over"};
+        }
+      } else if (!request.digest().empty() || request.size() != 0 || request.write_offset() != 0) {
+        return {grpc::StatusCode::INVALID_ARGUMENT, "digest, size and offset belong to the first message"};
+      }
       if (message == cut_writes_after) {
         cut_writes_after = -1;
         return {grpc::StatusCode::UNAVAILABLE, "cut"};
       }
-      if (message == 0) {
-        digest = request.digest();
-        size = request.size();
-      } else if (!request.digest().empty() || request.size() != 0) {
-        return {grpc::StatusCode::INVALID_ARGUMENT, "digest and size belong to the first message"};
-      }
       longest_message = std::max(longest_message, request.data().size());
-      data += request.data();
+      parts[id] += request.data();
+      if (spoil_writes) parts[id].back() ^= 1;
     }
-    if (digest_of(data) != digest || static_cast<std::int64_t>(data.size()) != size)
+    const std::string data = std::move(parts[id]);
+    parts.erase(id);
+    if (digest_of(data) != digest || static_cast<std::int64_t>(data.size()) != size) {
+      context->AddTrailingMetadata("saltus-reason", "DIGEST_MISMATCH");
       return {grpc::StatusCode::INVALID_ARGUMENT, "digest or size differ"};
+    }
     blobs[digest] = data;
     response->set_digest(digest);
     return grpc::Status::OK;
   }
+
+  grpc::Status QueryWriteStatus(grpc::ServerContext*, const v1::QueryWriteStatusRequest* request,
+                                v1::QueryWriteStatusResponse* response) override {
+    const bool is_complete = blobs.count(request->digest()) > 0;
+    response->set_complete(is_complete);
+    std::string& part = parts[request->upload_id()];
+    response->set_committed_size(is_complete ? request->size() : static_cast<std::int64_t>(part.size()));
+    if (late_parts > 0) {
+      --late_parts;
+      part += late_byte;
+    }
+    return grpc::Status::OK;
+  }
+  char late_byte = '?';
 
   grpc::Status ReadBlob(grpc::ServerContext*, const v1::ReadBlobRequest* request,
                         grpc::ServerWriter<v1::ReadBlobResponse>* writer) override {
@@ -127,12 +164,62 @@ TEST_F(BlobTransferTest, SendsNothingThatTheDaemonHas) {
   EXPECT_EQ(service.writes, 1);
 }
 
-TEST_F(BlobTransferTest, BeginsACutUploadAgain) {
+TEST_F(BlobTransferTest, GoesOnWithACutUploadWhereItsBytesAreSafe) {
   service.cut_writes_after = 1;
   const std::string data = many_bytes(2'500'000);
   const FileDigest sent = transfer.upload(folder.write("image", data));
-  EXPECT_EQ(service.writes, 2);
+  EXPECT_EQ(service.write_offsets, (std::vector<std::int64_t>{0, 1 << 20}));
   EXPECT_TRUE(service.blobs.at(sent.digest) == data);
+}
+
+TEST_F(BlobTransferTest, GoesOnWithWhatAnEarlierProcessHasSent) {
+  const std::string data = many_bytes(2'500'000);
+  const auto file = folder.write("image", data);
+  service.cut_writes_after = 2;
+  CallSettings impatient = daemon.settings();
+  impatient.retry.patience = std::chrono::milliseconds(0);
+  EXPECT_THROW(BlobTransfer(make_channel(impatient.address), impatient).upload(file), ClientError);
+  transfer.upload(file);
+  EXPECT_EQ(service.write_offsets, (std::vector<std::int64_t>{0, 2 << 20}));
+  EXPECT_EQ(service.upload_ids[0], service.upload_ids[1]);
+  EXPECT_TRUE(service.blobs.at(digest_of(data)) == data);
+}
+
+TEST_F(BlobTransferTest, AsksAgainWhenMoreHasBecomeSafeThanItWasTold) {
+  service.late_parts = 1;
+  const std::string data = many_bytes(1000);
+  service.late_byte = data.front();
+  transfer.upload(folder.write("image", data));
+  EXPECT_EQ(service.write_offsets, (std::vector<std::int64_t>{0, 1}));
+  EXPECT_TRUE(service.blobs.at(digest_of(data)) == data);
+}
+
+TEST_F(BlobTransferTest, LeavesAnUploadToTheProcessThatTookIt) {
+  service.take_overs = 1;
+  transfer.upload(folder.write("image", "abc"));
+  ASSERT_EQ(service.upload_ids.size(), 2u);
+  EXPECT_NE(service.upload_ids[0], service.upload_ids[1]);
+  EXPECT_EQ(service.blobs.at(digest_of("abc")), "abc");
+}
+
+TEST_F(BlobTransferTest, BeginsAgainWhenWhatWasLeftIsSpoilt) {
+  service.late_parts = 1;  // a byte that is none of the file's
+  transfer.upload(folder.write("image", "abc"));
+  EXPECT_EQ(service.write_offsets, (std::vector<std::int64_t>{0, 1, 0}));
+  EXPECT_EQ(service.blobs.at(digest_of("abc")), "abc");
+}
+
+TEST_F(BlobTransferTest, SaysWhenTheFileHasChangedOnTheWay) {
+  // The daemon finds other bytes from the start on: to send them again would not help.
+  const auto file = folder.write("image", "abc");
+  service.spoil_writes = true;
+  try {
+    transfer.upload(file);
+    FAIL() << "no error";
+  } catch (const ClientError& error) {
+    EXPECT_EQ(error.reason(), "DIGEST_MISMATCH");
+  }
+  EXPECT_EQ(service.writes, 1);
 }
 
 TEST_F(BlobTransferTest, TriesAgainAtALimitThatTimeLifts) {

@@ -17,7 +17,8 @@ using ::testing::Not;
 /// Remembers what was removed; the tests below need nothing else of it.
 class RecordingBlobs final : public BlobStore {
  public:
-  std::unique_ptr<BlobUpload> begin(const std::string&, std::int64_t) override { throw std::logic_error("not here"); }
+  std::unique_ptr<BlobUpload> begin(const UploadPlan&) override { throw std::logic_error("not here"); }
+  std::int64_t committed(const UploadPlan&) override { throw std::logic_error("not here"); }
   void publish(BlobUpload&) override { throw std::logic_error("not here"); }
   bool holds(const std::string&, std::int64_t) const override { return true; }
   std::unique_ptr<BlobReader> open(const std::string&, std::int64_t) override { throw std::logic_error("not here"); }

@@ -1,0 +1,28 @@
+#include "server/store/disk.h"
+
+#include <sys/statvfs.h>
+#include <unistd.h>
+
+#include <cstdio>
+
+namespace saltus::server {
+
+ssize_t Disk::write(int descriptor, const char* bytes, std::size_t count, off_t offset) {
+  return ::pwrite(descriptor, bytes, count, offset);
+}
+
+int Disk::sync_data(int descriptor) { return ::fdatasync(descriptor); }
+
+int Disk::sync(int descriptor) { return ::fsync(descriptor); }
+
+int Disk::rename(const char* from, const char* to) { return std::rename(from, to); }
+
+int Disk::space(const char* path, DiskSpace& space) {
+  struct statvfs status {};
+  if (::statvfs(path, &status) != 0) return -1;
+  const auto unit = static_cast<std::int64_t>(status.f_frsize);
+  space = {unit * static_cast<std::int64_t>(status.f_blocks), unit * static_cast<std::int64_t>(status.f_bavail)};
+  return 0;
+}
+
+}  // namespace saltus::server

@@ -1,0 +1,42 @@
+#include "server/store/disk_errors.h"
+
+#include <cerrno>
+
+namespace saltus::server {
+namespace {
+
+constexpr std::chrono::milliseconds kRoomRetry{60000};
+
+}  // namespace
+
+Refusal storage_full() {
+  return {RefusalKind::Exhausted, "STORAGE_FULL",
+          "the daemon's disk is full but for its reserve; free some space or delete old jobs", kRoomRetry};
+}
+
+std::system_error system_failure(const std::string& what) { return {errno, std::generic_category(), what}; }
+
+void fail_write(StorageState& state, const std::string& what) {
+  switch (errno) {
+    case EIO:
+    case EROFS:
+    case ENXIO:
+    case ENODEV:
+    case ESTALE:
+    case EUCLEAN:
+      fail_sync(state, what);
+    case ENOSPC:
+    case EDQUOT:
+      throw storage_full();
+    default:
+      throw system_failure(what);
+  }
+}
+
+void fail_sync(StorageState& state, const std::string& what) {
+  if (errno == ENOSPC || errno == EDQUOT) throw storage_full();
+  state.fail(system_failure(what).what());
+  throw StorageState::refusal();
+}
+
+}  // namespace saltus::server

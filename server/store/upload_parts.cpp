@@ -1,0 +1,227 @@
+#include "server/store/upload_parts.h"
+
+#include "server/jobs/refusal.h"
+#include "server/store/disk_errors.h"
+#include "server/store/file_upload.h"
+
+#include <fcntl.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <cerrno>
+#include <cstdlib>
+#include <regex>
+#include <stdexcept>
+#include <vector>
+
+namespace saltus::server {
+namespace fs = std::filesystem;
+namespace {
+
+// "sha256:" is left out of names: a colon means something to tools that copy files.
+constexpr std::size_t kPrefixBytes = 7;
+
+std::string name_of(const UploadPlan& plan) {
+  return plan.id + "." + std::to_string(plan.size) + "." + plan.digest.substr(kPrefixBytes) + ".part";
+}
+
+bool can_be_continued(const std::string& name) {
+  static const std::regex form(R"([A-Za-z0-9_-]{1,64}\.[0-9]{1,19}\.[0-9a-f]{64}\.part)");
+  return std::regex_match(name, form);
+}
+
+WallTime modified(const struct stat& status) {
+  const auto since_epoch =
+      std::chrono::seconds(status.st_mtim.tv_sec) + std::chrono::nanoseconds(status.st_mtim.tv_nsec);
+  return WallTime(std::chrono::duration_cast<std::chrono::milliseconds>(since_epoch));
+}
+
+Refusal offset_mismatch(const UploadPlan& plan, std::int64_t committed) {
+  return {RefusalKind::Aborted, "OFFSET_MISMATCH",
+          "write_offset is " + std::to_string(plan.offset) + ", but " + std::to_string(committed) +
+              " bytes of this upload are safe; go on there, as QueryWriteStatus says"};
+}
+
+}  // namespace
+
+UploadParts::UploadParts(fs::path folder, Disk& disk, StorageState& state, DiskReserve& reserve, const Clock& clock,
+                         Limits limits)
+    : folder_(std::move(folder)), disk_(disk), state_(state), reserve_(reserve), clock_(clock), limits_(limits) {
+  load();
+}
+
+void UploadParts::load() {
+  for (const auto& entry : fs::directory_iterator(folder_)) {
+    struct stat status {};
+    if (!can_be_continued(entry.path().filename()) || ::lstat(entry.path().c_str(), &status) != 0 ||
+        !S_ISREG(status.st_mode)) {
+      fs::remove_all(entry.path());
+      continue;
+    }
+    auto part = std::make_shared<UploadPart>();
+    part->file = entry.path();
+    part->is_kept = true;
+    part->committed.reset();
+    part->touched = modified(status);
+    parts_.emplace(entry.path().filename(), std::move(part));
+  }
+}
+
+std::shared_ptr<UploadPart> UploadParts::find(const UploadPlan& plan) {
+  const std::lock_guard lock(mutex_);
+  const auto found = parts_.find(name_of(plan));
+  return found == parts_.end() ? nullptr : found->second;
+}
+
+std::shared_ptr<UploadPart> UploadParts::part_of(const UploadPlan& plan) {
+  make_room();
+  const std::lock_guard lock(mutex_);
+  const std::string name = name_of(plan);
+  auto& part = parts_[name];
+  if (!part) {
+    part = std::make_shared<UploadPart>();
+    part->file = folder_ / name;
+    part->is_kept = true;
+    part->touched = clock_.wall();
+  }
+  return part;
+}
+
+/// Forgets what is gone; removes the part that was left longest when there are too many.
+void UploadParts::make_room() {
+  std::vector<std::shared_ptr<UploadPart>> parts;
+  {
+    const std::lock_guard lock(mutex_);
+    for (const auto& [name, part] : parts_) parts.push_back(part);
+  }
+  std::vector<std::shared_ptr<UploadPart>> gone;
+  std::shared_ptr<UploadPart> oldest;
+  WallTime oldest_time = WallTime::max();
+  for (const auto& part : parts) {
+    const std::lock_guard lock(part->mutex);
+    if (part->is_gone) gone.push_back(part);
+    if (part->is_gone || part->is_held || part->touched >= oldest_time) continue;
+    oldest = part;
+    oldest_time = part->touched;
+  }
+  if (parts.size() - gone.size() >= limits_.kept && oldest) {
+    const std::lock_guard lock(oldest->mutex);
+    if (!oldest->is_held) {
+      remove(*oldest);
+      gone.push_back(oldest);
+    }
+  }
+  const std::lock_guard lock(mutex_);
+  std::erase_if(parts_,
+                [&](const auto& entry) { return std::find(gone.begin(), gone.end(), entry.second) != gone.end(); });
+}
+
+std::int64_t UploadParts::remove(UploadPart& part) {
+  struct stat status {};
+  const bool is_there = ::stat(part.file.c_str(), &status) == 0;
+  if (::unlink(part.file.c_str()) != 0 && errno != ENOENT) fail_write(state_, "cannot remove " + part.file.string());
+  part.is_gone = true;
+  return is_there ? status.st_size : 0;
+}
+
+void UploadParts::sync(UploadPart& part, int descriptor) {
+  if (disk_.sync_data(descriptor) == 0) return;
+  const int reason = errno;
+  ::unlink(part.file.c_str());
+  part.is_gone = true;
+  errno = reason;
+  fail_sync(state_, "cannot sync " + part.file.string());
+}
+
+void UploadParts::learn_committed(UploadPart& part) {
+  if (part.committed) return;
+  const FileDescriptor descriptor(::open(part.file.c_str(), O_RDWR | O_CLOEXEC));
+  struct stat status {};
+  if (descriptor.get() < 0 || ::fstat(descriptor.get(), &status) != 0)
+    throw system_failure("cannot open " + part.file.string());
+  sync(part, descriptor.get());
+  part.committed = status.st_size;
+}
+
+std::unique_ptr<BlobUpload> UploadParts::begin(const UploadPlan& plan) {
+  state_.require_writable();
+  auto room = std::make_unique<DiskReserve::Claim>(reserve_, plan.size - plan.offset);
+  if (plan.id.empty()) {
+    if (plan.offset != 0) throw offset_mismatch(plan, 0);
+    auto part = std::make_shared<UploadPart>();
+    std::string name = (folder_ / "XXXXXX.part").string();
+    FileDescriptor descriptor(::mkostemps(name.data(), 5, O_CLOEXEC));
+    if (descriptor.get() < 0) fail_write(state_, "cannot write in " + folder_.string());
+    part->file = name;
+    return std::make_unique<FileUpload>(*this, part, std::move(descriptor), plan, std::move(room));
+  }
+  if (!can_be_continued(name_of(plan)))
+    throw Refusal(RefusalKind::InvalidArgument, "INVALID_FIELD",
+                  "upload_id must have 1 to 64 letters, digits, '-' and '_'");
+  while (true) {
+    const auto part = part_of(plan);
+    const std::lock_guard lock(part->mutex);
+    if (part->is_gone) continue;  // published or removed meanwhile
+    learn_committed(*part);
+    if (plan.offset != *part->committed) throw offset_mismatch(plan, *part->committed);
+    FileDescriptor descriptor(::open(part->file.c_str(), O_RDWR | O_CREAT | O_CLOEXEC, 0600));
+    // What a cut stream has written beyond the last sync was promised to nobody.
+    if (descriptor.get() < 0 || ::ftruncate(descriptor.get(), plan.offset) != 0)
+      fail_write(state_, "cannot write " + part->file.string());
+    ++part->turn;
+    return std::make_unique<FileUpload>(*this, part, std::move(descriptor), plan, std::move(room));
+  }
+}
+
+std::int64_t UploadParts::committed(const UploadPlan& plan) {
+  const auto part = plan.id.empty() ? nullptr : find(plan);
+  if (!part) return 0;
+  const std::lock_guard lock(part->mutex);
+  if (part->is_gone) return 0;
+  learn_committed(*part);
+  return *part->committed;
+}
+
+void UploadParts::move(BlobUpload& upload, const fs::path& target) {
+  auto& file = dynamic_cast<FileUpload&>(upload);
+  if (!file.is_sealed_) throw std::logic_error("an upload must be sealed before it is published");
+  UploadPart& part = *file.part_;
+  const std::lock_guard lock(part.mutex);
+  file.require_turn();
+  if (disk_.rename(part.file.c_str(), target.c_str()) != 0) fail_write(state_, "cannot rename to " + target.string());
+  part.is_gone = true;
+}
+
+UploadParts::Removed UploadParts::expire(std::chrono::milliseconds age) {
+  std::vector<std::shared_ptr<UploadPart>> parts;
+  {
+    const std::lock_guard lock(mutex_);
+    for (const auto& [name, part] : parts_) parts.push_back(part);
+  }
+  Removed removed;
+  const WallTime before = clock_.wall() - age;
+  for (const auto& part : parts) {
+    const std::lock_guard lock(part->mutex);
+    if (part->is_gone || part->is_held || part->touched > before) continue;
+    removed.bytes += remove(*part);
+    ++removed.parts;
+  }
+  return removed;
+}
+
+int UploadParts::count() {
+  std::vector<std::shared_ptr<UploadPart>> parts;
+  {
+    const std::lock_guard lock(mutex_);
+    for (const auto& [name, part] : parts_) parts.push_back(part);
+  }
+  int count = 0;
+  for (const auto& part : parts) {
+    const std::lock_guard lock(part->mutex);
+    count += part->is_gone ? 0 : 1;
+  }
+  return count;
+}
+
+}  // namespace saltus::server

@@ -1,0 +1,88 @@
+#pragma once
+
+#include "server/jobs/blob_store.h"
+#include "server/jobs/clock.h"
+#include "server/jobs/storage_state.h"
+#include "server/store/disk.h"
+#include "server/store/disk_reserve.h"
+
+#include <chrono>
+#include <cstdint>
+#include <filesystem>
+#include <map>
+#include <memory>
+#include <mutex>
+#include <optional>
+#include <string>
+
+namespace saltus::server {
+
+/// The file of one upload that has begun. Whoever touches the file or the members holds `mutex`.
+struct UploadPart {
+  std::mutex mutex;
+  std::filesystem::path file;
+  bool is_kept = false;    ///< has an id: stays when its stream is cut
+  std::uint64_t turn = 0;  ///< of the stream that may write; another that goes on takes the next
+  bool is_held = false;    ///< a stream is at it
+  bool is_gone = false;    ///< published or removed
+  /// How many bytes are durable. Nothing: an earlier daemon left the file, and this one has not synced it yet.
+  std::optional<std::int64_t> committed = 0;
+  WallTime touched{};
+};
+
+/// The folder of uploads: one file for each that has begun, named <id>.<size>.<hex of the digest>.part, or without
+/// these when it cannot be continued. Thread-safe.
+///
+/// Only bytes that were synced count as committed; what else a stream that was cut has written is cut off when another
+/// goes on. After a crash of the daemon the whole file counts, once it has been synced. If a failure of the power has
+/// spoilt it, the digest says so at the end.
+class UploadParts {
+ public:
+  struct Limits {
+    std::int64_t sync_bytes = 8 << 20;  ///< so much comes between two syncs
+    std::size_t kept = 256;             ///< parts that wait to be continued; the oldest makes room for another
+  };
+
+  /// Removes what cannot be continued: call it before any upload begins.
+  UploadParts(std::filesystem::path folder, Disk& disk, StorageState& state, DiskReserve& reserve, const Clock& clock,
+              Limits limits);
+
+  /// As BlobStore::begin and BlobStore::committed; the digest's form has been checked.
+  std::unique_ptr<BlobUpload> begin(const UploadPlan& plan);
+  std::int64_t committed(const UploadPlan& plan);
+
+  /// Renames a sealed upload's file; the caller syncs the folder it went to.
+  void move(BlobUpload& upload, const std::filesystem::path& target);
+
+  struct Removed {
+    int parts = 0;
+    std::int64_t bytes = 0;
+  };
+  /// Removes parts that no stream has been at for `age`.
+  Removed expire(std::chrono::milliseconds age);
+  /// Parts that wait to be continued or are being written.
+  int count();
+
+ private:
+  friend class FileUpload;
+
+  std::shared_ptr<UploadPart> part_of(const UploadPlan& plan);
+  std::shared_ptr<UploadPart> find(const UploadPlan& plan);
+  void load();
+  void make_room();
+  void sync(UploadPart& part, int descriptor);
+  void learn_committed(UploadPart& part);
+  std::int64_t remove(UploadPart& part);
+
+  const std::filesystem::path folder_;
+  Disk& disk_;
+  StorageState& state_;
+  DiskReserve& reserve_;
+  const Clock& clock_;
+  const Limits limits_;
+
+  std::mutex mutex_;  // of the map; never taken while a part's mutex is held
+  std::map<std::string, std::shared_ptr<UploadPart>> parts_;
+};
+
+}  // namespace saltus::server

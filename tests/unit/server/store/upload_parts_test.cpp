@@ -1,0 +1,341 @@
+#include "server/store/upload_parts.h"
+
+#include "server/jobs/refusal.h"
+#include "server/store/blob_directory.h"
+#include "server/store/data_directory.h"
+#include "server/store/sha256.h"
+#include "tests/support/fake_disk.h"
+#include "tests/support/server_fakes.h"
+#include "tests/support/temporary_folder.h"
+
+#include <gtest/gtest.h>
+
+#include <cerrno>
+#include <memory>
+
+namespace saltus::server {
+namespace {
+
+namespace fs = std::filesystem;
+using namespace std::chrono_literals;
+
+constexpr std::int64_t kSyncBytes = 16;
+
+std::string digest_of(const std::string& content) {
+  Sha256 hash;
+  hash.add(content);
+  return "sha256:" + hash.hex();
+}
+
+std::string pattern(std::size_t bytes) {
+  std::string content(bytes, '\0');
+  for (std::size_t i = 0; i < bytes; ++i) content[i] = static_cast<char>(i * 131 + 7);
+  return content;
+}
+
+class UploadPartsTest : public ::testing::Test {
+ protected:
+  UploadPartsTest() { restart(); }
+
+  /// As a new daemon on the same folder, after the old one went without a word.
+  void restart() {
+    blobs.reset();
+    blobs = std::make_unique<BlobDirectory>(BlobFolders{data.blobs(), data.uploads(), data.corrupt()}, state, clock,
+                                            reserve, UploadParts::Limits{kSyncBytes, 4}, disk);
+  }
+  UploadPlan plan(std::int64_t offset = 0, const std::string& id = "id") const {
+    return {digest_of(content), static_cast<std::int64_t>(content.size()), id, offset};
+  }
+  std::unique_ptr<BlobUpload> begin(std::int64_t offset = 0, const std::string& id = "id") {
+    auto upload = blobs->begin(plan(offset, id));
+    while (!upload->prepare(5)) {
+    }
+    return upload;
+  }
+  std::int64_t committed(const std::string& id = "id") { return blobs->committed(plan(0, id)); }
+  void finish(BlobUpload& upload, std::int64_t offset) {
+    upload.append(std::string_view(content).substr(static_cast<std::size_t>(offset)));
+    upload.seal();
+    blobs->publish(upload);
+  }
+  void expect_published() {
+    ASSERT_TRUE(blobs->holds(digest_of(content), static_cast<std::int64_t>(content.size())));
+    const auto reader = blobs->open(digest_of(content), static_cast<std::int64_t>(content.size()));
+    EXPECT_EQ(reader->read(content.size() + 1), content);
+    EXPECT_TRUE(fs::is_empty(data.uploads()));
+  }
+  template <class Call>
+  static std::string reason_of(Call call) {
+    try {
+      call();
+    } catch (const Refusal& refusal) {
+      return refusal.reason();
+    }
+    return "";
+  }
+
+  testing_support::TemporaryFolder folder;
+  DataDirectory data{folder / "data"};
+  std::string failure;
+  StorageState state{[this](const std::string& reason) { failure += reason; }};
+  testing_support::FakeClock clock;
+  testing_support::FakeDisk disk;
+  ReserveSettings reserve{0, 0};
+  std::unique_ptr<BlobDirectory> blobs;
+  std::string content = pattern(50);
+};
+
+TEST_F(UploadPartsTest, AnUploadThatIsCutAnywhereIsCompletedFromThere) {
+  for (std::size_t cut = 0; cut <= content.size(); ++cut) {
+    {
+      const auto upload = begin();
+      upload->append(content.substr(0, cut));
+      upload->park();
+    }
+    ASSERT_EQ(committed(), static_cast<std::int64_t>(cut));
+    const auto upload = begin(static_cast<std::int64_t>(cut));
+    finish(*upload, static_cast<std::int64_t>(cut));
+    expect_published();
+    blobs->remove(digest_of(content));
+  }
+}
+
+TEST_F(UploadPartsTest, ManyCutsAreNoDifferentFromOne) {
+  for (std::size_t at = 0; at < content.size(); at += 7) {
+    const auto upload = begin(static_cast<std::int64_t>(at));
+    upload->append(content.substr(at, 7));
+    upload->park();
+    if (at % 2 == 0) restart();
+  }
+  const auto upload = begin(50);
+  finish(*upload, 50);
+  expect_published();
+}
+
+TEST_F(UploadPartsTest, AfterACrashWhatTheFileHasIsSyncedAndCounts) {
+  for (std::size_t cut = 0; cut <= content.size(); ++cut) {
+    auto upload = begin();
+    upload->append(content.substr(0, cut));
+    // Goes without parking, as with a kill.
+    upload.reset();
+    restart();
+    disk.syncs = 0;
+    ASSERT_EQ(committed(), static_cast<std::int64_t>(cut));
+    EXPECT_EQ(disk.syncs, 1);
+    upload = begin(static_cast<std::int64_t>(cut));
+    finish(*upload, static_cast<std::int64_t>(cut));
+    expect_published();
+    blobs->remove(digest_of(content));
+  }
+}
+
+TEST_F(UploadPartsTest, OnlySyncedBytesAreCommitted) {
+  const auto upload = begin();
+  upload->append(content.substr(0, 15));
+  EXPECT_EQ(disk.syncs, 0);
+  EXPECT_EQ(committed(), 0);
+  upload->append(content.substr(15, 1));
+  EXPECT_EQ(disk.syncs, 1);
+  EXPECT_EQ(committed(), 16);
+  upload->append(content.substr(16, 15));
+  EXPECT_EQ(disk.syncs, 1);
+  EXPECT_EQ(committed(), 16);
+}
+
+TEST_F(UploadPartsTest, BytesThatWereNotSyncedAreCutOffWhenAnotherStreamGoesOn) {
+  const auto cut = begin();
+  cut->append(pattern(16));
+  cut->append("never safe");
+  const auto upload = begin(16);
+  finish(*upload, 16);
+  expect_published();
+}
+
+TEST_F(UploadPartsTest, AnotherOffsetIsRefused) {
+  {
+    const auto upload = begin();
+    upload->append(content.substr(0, 20));
+    upload->park();
+  }
+  for (const std::int64_t offset : {0, 19, 21, 50})
+    EXPECT_EQ(reason_of([&] { begin(offset); }), "OFFSET_MISMATCH") << offset;
+  EXPECT_EQ(reason_of([&] { begin(1, "another"); }), "OFFSET_MISMATCH");
+  EXPECT_EQ(reason_of([&] { begin(1, ""); }), "OFFSET_MISMATCH");
+  EXPECT_EQ(committed(), 20);
+}
+
+TEST_F(UploadPartsTest, TheLastStreamOfAnUploadWins) {
+  const auto first = begin();
+  first->append(content.substr(0, 16));
+  const auto second = begin(16);
+  EXPECT_EQ(reason_of([&] { first->append("x"); }), "UPLOAD_TAKEN_OVER");
+  EXPECT_EQ(reason_of([&] { first->seal(); }), "UPLOAD_TAKEN_OVER");
+  first->park();
+  finish(*second, 16);
+  expect_published();
+}
+
+TEST_F(UploadPartsTest, AStreamThatWasTakenOverCannotPublish) {
+  const auto first = begin();
+  first->append(content);
+  first->seal();
+  const auto second = begin(50);
+  EXPECT_EQ(reason_of([&] { blobs->publish(*first); }), "UPLOAD_TAKEN_OVER");
+  finish(*second, 50);
+  expect_published();
+}
+
+TEST_F(UploadPartsTest, UploadsOfTheSameBytesByDifferentNamesDoNotMeet) {
+  const auto first = begin(0, "first");
+  const auto second = begin(0, "second");
+  const auto third = begin(0, "");
+  first->append(content.substr(0, 25));
+  finish(*second, 0);
+  finish(*third, 0);
+  finish(*first, 25);
+  expect_published();
+}
+
+TEST_F(UploadPartsTest, WrongBytesLeaveNothingToGoOnWith) {
+  const auto upload = begin();
+  upload->append(std::string(50, '!'));
+  EXPECT_EQ(reason_of([&] { upload->seal(); }), "DIGEST_MISMATCH");
+  EXPECT_TRUE(fs::is_empty(data.uploads()));
+  EXPECT_EQ(committed(), 0);
+  const auto again = begin();
+  finish(*again, 0);
+  expect_published();
+}
+
+TEST_F(UploadPartsTest, BytesThatWereSpoiltOnTheDiskAreFoundAtTheEnd) {
+  {
+    const auto upload = begin();
+    upload->append(content.substr(0, 20));
+    upload->park();
+  }
+  {
+    std::fstream file(fs::directory_iterator(data.uploads())->path(), std::ios::in | std::ios::out | std::ios::binary);
+    file.seekp(3);
+    file.put('!');
+  }
+  const auto upload = begin(20);
+  EXPECT_EQ(reason_of([&] { finish(*upload, 20); }), "DIGEST_MISMATCH");
+  EXPECT_TRUE(fs::is_empty(data.uploads()));
+}
+
+TEST_F(UploadPartsTest, AStartKeepsWhatCanBeContinuedAndRemovesTheRest) {
+  {
+    const auto upload = begin();
+    upload->append(content.substr(0, 20));
+    upload->park();
+  }
+  std::ofstream(data.uploads() / "abcdef.part") << "half";
+  std::ofstream(data.uploads() / "notes.txt") << "?";
+  fs::create_directory(data.uploads() / "folder");
+  restart();
+  EXPECT_EQ(std::distance(fs::directory_iterator(data.uploads()), {}), 1);
+  EXPECT_EQ(committed(), 20);
+}
+
+TEST_F(UploadPartsTest, AbandonedPartsExpireAndThoseInUseDoNot) {
+  const auto held = begin(0, "held");
+  {
+    const auto left = begin(0, "left");
+    left->append(content.substr(0, 20));
+    left->park();
+  }
+  clock.advance(24h - 1ms);
+  EXPECT_EQ(blobs->uploads().expire(24h).parts, 0);
+  clock.advance(1ms);
+  const auto removed = blobs->uploads().expire(24h);
+  EXPECT_EQ(removed.parts, 1);
+  EXPECT_EQ(removed.bytes, 20);
+  EXPECT_EQ(committed("left"), 0);
+  finish(*held, 0);
+  expect_published();
+}
+
+TEST_F(UploadPartsTest, TheOldestPartMakesRoomWhenThereAreTooMany) {
+  for (const std::string id : {"1", "2", "3", "4"}) {
+    const auto upload = begin(0, id);
+    upload->append(content.substr(0, 20));
+    upload->park();
+    clock.advance(1ms);
+  }
+  begin(0, "5");
+  EXPECT_EQ(committed("1"), 0);
+  for (const std::string id : {"2", "3", "4"}) EXPECT_EQ(committed(id), 20) << id;
+}
+
+TEST_F(UploadPartsTest, ASyncThatFailsEndsAllWritingAndIsNeverRepeated) {
+  const auto other = begin(0, "other");
+  const auto upload = begin();
+  disk.sync_error = EIO;
+  EXPECT_EQ(reason_of([&] { upload->append(content.substr(0, 16)); }), "STORE_UNAVAILABLE");
+  EXPECT_EQ(disk.syncs, 1);
+  EXPECT_TRUE(state.has_failed());
+  EXPECT_NE(failure.find("cannot sync"), std::string::npos) << failure;
+  disk.sync_error = 0;
+  EXPECT_EQ(reason_of([&] { other->append("x"); }), "STORE_UNAVAILABLE");
+  EXPECT_EQ(reason_of([&] { begin(0, "new"); }), "STORE_UNAVAILABLE");
+  upload->park();
+  EXPECT_EQ(disk.syncs, 1);
+}
+
+TEST_F(UploadPartsTest, EveryStepOfPublishingMayFailAndNothingIsAcknowledged) {
+  const auto upload = begin();
+  upload->append(content);
+  upload->seal();
+  disk.rename_error = EIO;
+  EXPECT_EQ(reason_of([&] { blobs->publish(*upload); }), "STORE_UNAVAILABLE");
+  EXPECT_TRUE(state.has_failed());
+  EXPECT_FALSE(blobs->holds(digest_of(content), 50));
+}
+
+TEST_F(UploadPartsTest, AFullDiskRefusesAndIsNoFailure) {
+  const auto upload = begin();
+  upload->append(content.substr(0, 16));
+  disk.write_error = ENOSPC;
+  EXPECT_EQ(reason_of([&] { upload->append(content.substr(16)); }), "STORAGE_FULL");
+  EXPECT_FALSE(state.has_failed());
+  disk.write_error = 0;
+  const auto again = begin(16);
+  finish(*again, 16);
+  expect_published();
+}
+
+TEST_F(UploadPartsTest, ADiskThatOthersHaveFilledIsNoticedAtTheNextSync) {
+  reserve = {0, 100};
+  disk.total = 1000;
+  disk.available = 1000;
+  restart();
+  const auto upload = begin();
+  upload->append(content.substr(0, 15));
+  disk.available = 99;
+  EXPECT_EQ(reason_of([&] { upload->append(content.substr(15)); }), "STORAGE_FULL");
+  EXPECT_FALSE(state.has_failed());
+  disk.available = 1000;
+  upload->park();
+  EXPECT_EQ(committed(), 50);
+}
+
+TEST_F(UploadPartsTest, AnUploadThatWouldTouchTheReserveWritesNothing) {
+  reserve = {0, 100};
+  disk.total = 1000;
+  disk.available = 149;
+  restart();
+  for (const std::string id : {"id", ""}) EXPECT_EQ(reason_of([&] { begin(0, id); }), "STORAGE_FULL");
+  EXPECT_TRUE(fs::is_empty(data.uploads()));
+  disk.available = 150;
+  finish(*begin(), 0);
+  expect_published();
+}
+
+TEST_F(UploadPartsTest, ANameThatIsAPathIsRefused) {
+  for (const std::string id : {"../x", "a/b", ".", "a.b", "a b"})
+    EXPECT_EQ(reason_of([&] { begin(0, id); }), "INVALID_FIELD") << id;
+  EXPECT_TRUE(fs::is_empty(data.uploads()));
+}
+
+}  // namespace
+}  // namespace saltus::server
