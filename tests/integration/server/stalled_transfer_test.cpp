@@ -53,7 +53,9 @@ TEST_F(StalledTransfer, ReadersThatNeverReadLoseTheirPlaces) {
   // Each of them stands still as soon as its window is full; time passes until there are places again.
   std::unique_ptr<Download> admitted;
   for (v1::ReadBlobResponse first; !admitted || !admitted->reader->Read(&first);) {
-    if (admitted) EXPECT_EQ(admitted->reader->Finish().error_code(), grpc::StatusCode::RESOURCE_EXHAUSTED);
+    if (admitted) {
+      EXPECT_EQ(admitted->reader->Finish().error_code(), grpc::StatusCode::RESOURCE_EXHAUSTED);
+    }
     clock->advance(limits::kStalledStream);
     admitted = begin_download(digest);
   }
