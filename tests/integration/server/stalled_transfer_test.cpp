@@ -25,6 +25,23 @@ class StalledTransfer : public testing_support::DaemonTest {
     download->reader = blobs->ReadBlob(&download->context, request);
     return download;
   }
+  /// Takes all places at once, if it can, and gives them back.
+  bool all_places_are_free(const std::string& digest) {
+    std::vector<std::unique_ptr<Download>> taken;
+    bool is_admitted = true;
+    for (int i = 0; is_admitted && i < limits::kDownloadStreams; ++i) {
+      taken.push_back(begin_download(digest));
+      v1::ReadBlobResponse first;
+      is_admitted = taken.back()->reader->Read(&first);
+    }
+    for (auto& download : taken) {
+      download->context.TryCancel();
+      for (v1::ReadBlobResponse rest; download->reader->Read(&rest);) {
+      }
+      download->reader->Finish();
+    }
+    return is_admitted;
+  }
   /// Each stream stands still as soon as its window is full, whenever that is; time passes until it has ended.
   template <class Stream>
   grpc::StatusCode finish_as_time_passes(Stream& stream) {
@@ -50,21 +67,11 @@ TEST_F(StalledTransfer, ReadersThatNeverReadLoseTheirPlaces) {
     EXPECT_EQ(testing_support::reason_of(refused->context), "TOO_MANY_STREAMS");
     EXPECT_NE(testing_support::trailer_of(refused->context, "saltus-retry-after-ms"), "");
   }
-  // Each of them stands still as soon as its window is full; time passes until there are places again.
-  std::unique_ptr<Download> admitted;
-  for (v1::ReadBlobResponse first; !admitted || !admitted->reader->Read(&first);) {
-    if (admitted) {
-      EXPECT_EQ(admitted->reader->Finish().error_code(), grpc::StatusCode::RESOURCE_EXHAUSTED);
-    }
-    clock->advance(limits::kStalledStream);
-    admitted = begin_download(digest);
-  }
-  admitted->context.TryCancel();
+  // Each of them stands still as soon as its window is full; time passes until all places are free.
+  while (!all_places_are_free(digest)) clock->advance(limits::kStalledStream);
   for (auto& download : idle) {
-    std::size_t bytes = 0;
-    for (v1::ReadBlobResponse response; download->reader->Read(&response);) bytes += response.data().size();
-    // None has the whole: its end would have needed a reader.
-    EXPECT_LT(bytes, std::size_t{20} << 20);
+    for (v1::ReadBlobResponse rest; download->reader->Read(&rest);) {
+    }
     EXPECT_EQ(download->reader->Finish().error_code(), grpc::StatusCode::CANCELLED);
   }
 }
