@@ -1,5 +1,6 @@
 #include "server/launch/local_launcher.h"
 
+#include "core/support/failpoint.h"
 #include "server/launch/process_identity.h"
 
 #include <fcntl.h>
@@ -192,12 +193,14 @@ std::string LocalLauncher::start_process(const LaunchRequest& request) {
   remove_old_logs();
   const FileDescriptor log(::open(log_file(key).c_str(), O_WRONLY | O_CREAT | O_TRUNC | O_APPEND | O_CLOEXEC, 0600));
   if (log.get() < 0) fail(errno, "cannot write the worker's log");
+  SALTUS_FAILPOINT("launch.before");
   // Held until the worker is listed, so that is_idle() cannot miss it.
   std::lock_guard lock(mutex_);
   const pid_t pid =
       SpawnPlan(log.get()).spawn({settings_.worker.string(), "--server", settings_.server_address, "--job", key.job_id,
                                   "--attempt", std::to_string(key.attempt), "--token-file", token_file(key).string()},
                                  worker_environment(request.threads, work_folder(key)));
+  SALTUS_FAILPOINT("launch.after");
   // The process, even when it has ended already, stays until it is reaped: its number cannot be another's.
   const int descriptor = open_process(pid);
   if (descriptor < 0) {
@@ -293,6 +296,7 @@ void LocalLauncher::reap(const AttemptKey& key, Worker& worker) {
   remove_files(key);
   std::error_code ignored;
   if (exit.kind == WorkerExit::Kind::Exited && exit.number == 0) fs::remove(log_file(key), ignored);
+  SALTUS_FAILPOINT("reap.before");
   handler_(key, exit);
   std::lock_guard lock(mutex_);
   workers_.erase(key);

@@ -1,5 +1,6 @@
 #include "server/store/sqlite_job_store.h"
 
+#include "core/support/failpoint.h"
 #include "server/jobs/refusal.h"
 #include "server/jobs/storage_state.h"
 #include "server/store/disk_errors.h"
@@ -52,7 +53,10 @@ void SqliteJobStore::run() {
       waiting_.erase(waiting_.begin(), end);
     }
     commit(group);
-    for (Write& write : group) write.done(write.error);
+    for (Write& write : group) {
+      write.done(write.error);
+      SALTUS_FAILPOINT("acknowledge.after");
+    }
   }
 }
 
@@ -82,7 +86,9 @@ void SqliteJobStore::commit(std::vector<Write>& group) {
   try {
     writer_.execute("BEGIN IMMEDIATE");
     for (Write& write : group) run_one(write);
+    SALTUS_FAILPOINT("commit.before");
     writer_.execute("COMMIT");
+    SALTUS_FAILPOINT("commit.after");
   } catch (const DatabaseError& error) {
     const bool is_full = error.code() == SQLITE_FULL;
     std::string reason = error.what();

@@ -1,6 +1,7 @@
 #include "server/worker/lease.h"
 
 #include "client/lib/client_error.h"
+#include "core/support/failpoint.h"
 #include "server/worker/process_limits.h"
 
 #include <algorithm>
@@ -51,6 +52,7 @@ Lease::Lease(AttemptIdentity identity, std::function<void(Lease&)> when_late)
   const auto request = identified<v1::AcquireLeaseRequest>(identity_);
   client::call(settings, client::CallKind::Unary,
                [&](grpc::ClientContext& context, bool&) { return stub_->AcquireLease(&context, request, &terms_); });
+  SALTUS_FAILPOINT("worker.acquired");
   last_contact_ = Clock::now();
   heartbeats_ = std::jthread([this](const std::stop_token& end) { heartbeat_loop(end); });
 }
@@ -80,8 +82,10 @@ void Lease::put_checkpoint(const v1::Checkpoint& checkpoint, const std::stop_tok
   client::CallSettings settings = transfer_settings();
   settings.stop = stop;
   v1::PutCheckpointResponse response;
+  SALTUS_FAILPOINT("worker.checkpoint.before");
   client::call(settings, client::CallKind::Unary,
                [&](grpc::ClientContext& context, bool&) { return stub_->PutCheckpoint(&context, request, &response); });
+  SALTUS_FAILPOINT("worker.checkpoint.after");
 }
 
 void Lease::stop_because(StopReason reason) {
@@ -135,11 +139,13 @@ void Lease::complete(v1::CompleteJobRequest request) {
   client::CallSettings settings = transfer_settings();
   settings.stop = {};
   v1::CompleteJobResponse response;
+  SALTUS_FAILPOINT("worker.complete.before");
   client::call(settings, client::CallKind::Unary, [&](grpc::ClientContext& context, bool&) {
     const grpc::Status status = stub_->CompleteJob(&context, request, &response);
     if (status.ok()) is_complete_ = true;
     return status;
   });
+  SALTUS_FAILPOINT("worker.complete.after");
 }
 
 void Lease::complete_success(const std::vector<v1::Artifact>& artifacts) {

@@ -3,6 +3,7 @@
 #include "client/lib/blob_transfer.h"
 #include "client/lib/client_error.h"
 #include "core/support/errors.h"
+#include "core/support/failpoint.h"
 #include "server/worker/checkpoint_keeper.h"
 #include "server/worker/process_limits.h"
 #include "server/worker/registration_job.h"
@@ -229,7 +230,9 @@ WorkerExit work(Lease& lease, const AttemptIdentity& identity, const std::filesy
 
     std::vector<v1::Artifact> artifacts;
     for (const std::string& name : names) {
+      SALTUS_FAILPOINT("worker.upload.before");
       const client::FileDigest sent = blobs.upload(results / name);
+      SALTUS_FAILPOINT("worker.upload.after");
       v1::Artifact artifact;
       artifact.set_name(name);
       artifact.set_digest(sent.digest);

@@ -1,0 +1,53 @@
+#pragma once
+
+#include "saltus/v1/registration.grpc.pb.h"
+
+#include <grpcpp/grpcpp.h>
+
+#include <functional>
+#include <memory>
+#include <stdexcept>
+#include <string>
+#include <vector>
+
+namespace saltus::crash {
+
+/// The daemon has broken a promise.
+class Violation : public std::runtime_error {
+ public:
+  using std::runtime_error::runtime_error;
+};
+
+/// The daemon did not answer: whether it has done what was asked is not known.
+class DaemonGone : public std::runtime_error {
+ public:
+  using std::runtime_error::runtime_error;
+};
+
+/// Calls without retries: every answer is either the daemon's or DaemonGone.
+class Connection {
+ public:
+  explicit Connection(const std::string& address);
+
+  /// Each returns "" for success, else the reason of the refusal. Throws DaemonGone.
+  std::string create(const v1::CreateRegistrationJobRequest& request, v1::RegistrationJob& job);
+  std::string get(const std::string& id, v1::RegistrationJob& job);
+  std::string cancel(const std::string& id, v1::RegistrationJob& job);
+  std::string remove(const std::string& id);
+  /// Stops after `events` events, or a moment without one.
+  std::string watch(const std::string& id, int events, const std::function<void(const v1::RegistrationJob&)>& seen);
+  std::string watch_to_the_end(const std::string& id, const std::function<void(const v1::RegistrationJob&)>& seen);
+  /// Its digest.
+  std::string upload(const std::string& bytes);
+  std::string download(const std::string& digest);
+  std::vector<std::string> missing(const std::vector<std::string>& digests);
+  std::vector<v1::RegistrationJob> list_all();
+
+ private:
+  std::unique_ptr<v1::RegistrationService::Stub> jobs_;
+  std::unique_ptr<v1::BlobService::Stub> blobs_;
+};
+
+std::string digest_of(const std::string& bytes);
+
+}  // namespace saltus::crash

@@ -1,0 +1,53 @@
+#pragma once
+
+#include "tests/crash/connection.h"
+
+#include <map>
+#include <optional>
+#include <set>
+#include <string>
+#include <vector>
+
+namespace saltus::crash {
+
+/// A job as its client knows it.
+struct KnownJob {
+  v1::CreateRegistrationJobRequest request;
+  std::string id;  ///< "" while the answer to its creation is not known
+  bool is_cancel_tried = false;
+  bool is_delete_tried = false;    ///< and the answer is not known
+  bool is_deleted = false;         ///< which was acknowledged, or found to be so after a crash
+  std::optional<std::string> end;  ///< state, reason, times and artefacts, once it was seen in a terminal state
+  std::vector<v1::Artifact> artifacts;
+  bool is_checked = false;  ///< its artefacts have been read
+};
+
+/// What one client was told, and whether the daemon keeps to it. A breach is a Violation.
+class Model {
+ public:
+  explicit Model(std::string owner) : owner_(std::move(owner)) {}
+
+  const std::string& owner() const { return owner_; }
+  std::vector<KnownJob> jobs;
+  std::vector<std::string> uploads;  ///< digests that were acknowledged
+
+  /// A new job to ask for, with a request id and labels of its own.
+  KnownJob& add(const v1::RegistrationSpec& spec);
+  /// The daemon says this of the job. Throws Violation when it must not.
+  void observe(KnownJob& job, const v1::RegistrationJob& said);
+
+  /// To be called first after a restart: asks again for what was not answered, then compares everything. `listed` is
+  /// all that the daemon has after the questions. Throws Violation, or DaemonGone.
+  void resolve(Connection& daemon);
+  void compare(Connection& daemon, const std::vector<v1::RegistrationJob>& listed);
+
+  /// Artefacts of a job of the real worker that was not disturbed: all others of its kind must be the same.
+  static std::map<std::string, std::string> reference;
+
+ private:
+  void check_artifacts(Connection& daemon, KnownJob& job);
+  std::string owner_;
+  int made_ = 0;
+};
+
+}  // namespace saltus::crash
