@@ -1,5 +1,6 @@
 #include "server/store/blob_directory.h"
 
+#include "core/support/failpoint.h"
 #include "server/jobs/refusal.h"
 #include "server/store/disk_errors.h"
 #include "server/store/file_reader.h"
@@ -104,7 +105,9 @@ void BlobDirectory::set_aside(const std::string& digest, int descriptor) {
 
 void BlobDirectory::remove(const std::string& digest) {
   const fs::path path = path_of(digest);
+  SALTUS_FAILPOINT("remove.before");
   if (::unlink(path.c_str()) != 0 && errno != ENOENT) fail_write(state_, "cannot remove " + path.string());
+  SALTUS_FAILPOINT("remove.after");
 }
 
 int BlobDirectory::remove_unknown(const std::function<bool(const std::string&)>& is_known) {

@@ -1,5 +1,7 @@
 #include "server/store/disk.h"
 
+#include "core/support/failpoint.h"
+
 #include <sys/statvfs.h>
 #include <unistd.h>
 
@@ -13,9 +15,19 @@ ssize_t Disk::write(int descriptor, const char* bytes, std::size_t count, off_t 
 
 int Disk::sync_data(int descriptor) { return ::fdatasync(descriptor); }
 
-int Disk::sync(int descriptor) { return ::fsync(descriptor); }
+int Disk::sync(int descriptor) {
+  SALTUS_FAILPOINT("sync.before");
+  const int code = ::fsync(descriptor);
+  SALTUS_FAILPOINT("sync.after");
+  return code;
+}
 
-int Disk::rename(const char* from, const char* to) { return std::rename(from, to); }
+int Disk::rename(const char* from, const char* to) {
+  SALTUS_FAILPOINT("rename.before");
+  const int code = std::rename(from, to);
+  SALTUS_FAILPOINT("rename.after");
+  return code;
+}
 
 int Disk::space(const char* path, DiskSpace& space) {
   struct statvfs status {};

@@ -36,6 +36,12 @@ struct Place {
   int passes;
 };
 constexpr Place places[] = {
+    {"sync.before", 15},
+    {"sync.after", 15},
+    {"rename.before", 8},
+    {"rename.after", 8},
+    {"remove.before", 4},
+    {"remove.after", 4},
     {"commit.before", 15},
     {"commit.after", 15},
     {"acknowledge.after", 20},
@@ -119,7 +125,9 @@ class Harness {
     daemon_.emplace(
         std::vector<std::string>{programs_ / "saltusd-failpoints", "--data", folder_ / "data", "--listen",
                                  "unix:" + socket, "--worker", programs_ / "saltus-fake-worker", "--slots", "4",
-                                 "--threads-per-job", "1", "--lease-seconds", "3", "--checkpoint-seconds", "0.001"},
+                                 "--threads-per-job", "1", "--lease-seconds", "3", "--checkpoint-seconds", "0.001",
+                                 // Nobody reads what it prints meanwhile.
+                                 "--log-level", "warning"},
         variables);
     daemon_->wait_for_output("listening on");
     address_ = "unix:" + socket;

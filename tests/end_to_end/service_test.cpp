@@ -324,6 +324,24 @@ TEST_F(CheckpointTest, WhatIsKilledGoesOnFromItsCheckpointToTheSameBits) {
   EXPECT_EQ(results(other), expected);
 }
 
+class ShortLeaseTest : public CheckpointTest {
+ protected:
+  ShortLeaseTest() { daemon_options = {"--checkpoint-seconds", "0.001", "--lease-seconds", "1"}; }
+};
+
+TEST_F(ShortLeaseTest, AWorkerThatStandsStillIsEndedAndAnotherGoesOn) {
+  const std::string id = submit(long_enough());
+  ChildProcess watch = start(here({"watch", id, "--json"}));
+  watch.wait_for_output("\"checkpoints\"");
+  const pid_t worker = only_worker();
+  const ProcessHandle handle(worker);
+  kill(worker, SIGSTOP);
+  EXPECT_TRUE(handle.ends_within(std::chrono::seconds(60)));
+  wait_until_resumed(id);
+  EXPECT_EQ(watch.wait(), 0) << watch.err();
+  EXPECT_EQ(get(id)["attempt"], 2);
+}
+
 TEST_F(ServerTest, SaysThatTheServerIsAway) {
   daemon->signal(SIGTERM);
   EXPECT_EQ(daemon->wait(), 0);

@@ -8,6 +8,7 @@
 #include <grpcpp/grpcpp.h>
 
 #include <algorithm>
+#include <atomic>
 #include <chrono>
 #include <condition_variable>
 #include <functional>
@@ -94,6 +95,7 @@ class FakeWorkerService : public v1::WorkerService::Service {
   v1::HeartbeatRequest last_heartbeat;
   std::vector<v1::Checkpoint> checkpoints;
   std::optional<v1::CompleteJobRequest> outcome;
+  std::atomic<bool> is_lost = false;  ///< from now on the attempt is another's
 
   grpc::Status AcquireLease(grpc::ServerContext*, const v1::AcquireLeaseRequest*,
                             v1::AcquireLeaseResponse* response) override {
@@ -103,6 +105,7 @@ class FakeWorkerService : public v1::WorkerService::Service {
   grpc::Status Heartbeat(grpc::ServerContext*, const v1::HeartbeatRequest* request,
                          v1::HeartbeatResponse* response) override {
     hear([&] { last_heartbeat = *request; });
+    if (is_lost) return {grpc::StatusCode::ABORTED, "the attempt is no longer wanted"};
     response->set_command(v1::HeartbeatResponse::COMMAND_CONTINUE);
     return grpc::Status::OK;
   }

@@ -46,8 +46,11 @@ class WorkerProcess : public testing::Test {
     spec.mutable_moving()->set_format("mha");
   }
   void make_it_last() {
-    (*service.terms.mutable_spec()->mutable_settings())["max_iterations"] = "10000";
-    (*service.terms.mutable_spec()->mutable_settings())["levels"] = "1";
+    auto& settings = *service.terms.mutable_spec()->mutable_settings();
+    settings["max_iterations"] = "10000";
+    settings["levels"] = "1";
+    settings["time_steps"] = "64";
+    settings["width_voxels"] = "64";
   }
 
   ChildProcess start() {
@@ -154,6 +157,18 @@ TEST_F(WorkerProcess, FailsWithCpuTimeWhenItUsesMoreThanItMay) {
   run();
   ASSERT_TRUE(service.outcome && service.outcome->has_failure());
   EXPECT_EQ(service.outcome->failure().reason(), "CPU_TIME");
+  EXPECT_TRUE(std::filesystem::is_empty(folder / "tmp"));
+}
+
+TEST_F(WorkerProcess, WhatComesBackAfterItsLeaseIsLostEndsWithoutOutput) {
+  make_it_last();
+  ChildProcess worker = start();
+  service.wait_until([&] { return service.last_heartbeat.progress().stage() == v1::JOB_STAGE_OPTIMISING; });
+  worker.signal(SIGSTOP);
+  service.is_lost = true;
+  worker.signal(SIGCONT);
+  EXPECT_EQ(worker.wait(), 4) << worker.err();
+  EXPECT_FALSE(service.outcome);
   EXPECT_TRUE(std::filesystem::is_empty(folder / "tmp"));
 }
 
