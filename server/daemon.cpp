@@ -1,6 +1,7 @@
 #include "server/daemon.h"
 
 #include "server/config/socket_file.h"
+#include "server/jobs/missing_inputs.h"
 #include "server/rpc/limits.h"
 
 #include <set>
@@ -29,6 +30,7 @@ Daemon::Daemon(const DaemonSettings& settings, std::function<void(const std::str
       stalls_(*clock_, limits::kStalledStream) {
   if (!settings.protected_listen.empty()) require_usable(settings.tls);
   if (!settings.roles.empty()) roles_ = std::make_shared<RolesFile>(settings.roles, settings.log);
+  directory_.require_database_of_blobs();
   auto store = std::make_unique<SqliteJobStore>(directory_.database(),
                                                 [this](const std::string& reason) { storage_.fail(reason); });
   rows_ = store.get();
@@ -49,14 +51,18 @@ Daemon::Daemon(const DaemonSettings& settings, std::function<void(const std::str
   launcher_ = std::move(parts.launcher);
   jobs_ = std::make_unique<JobManager>(
       *store_, *blobs_, *launcher_, *clock_, ids_, settings.jobs, [this] { wake(); }, settings.log);
+  if (const int failed = fail_jobs_without_inputs(*rows_, bytes_, *clock_); failed > 0)
+    settings.log(std::to_string(failed) + " queued jobs have failed, because the disk has lost their inputs");
   jobs_->recover();
+  maintenance_ =
+      std::make_unique<Maintenance>(*store_, bytes_, *clock_, settings.retention, settings.maintenance, settings.log);
   if (local) local->remove_stale_files();
   ListenAddress listen = settings.listen;
   const bool is_socket = listen.kind == ListenAddress::Kind::UnixSocket;
   if (is_socket) require_nobody_listens(listen.path);
   RpcSettings rpc{listen.to_text(), {}, settings.tls, roles_, settings.version};
   for (const ListenAddress& address : settings.protected_listen) rpc.protected_addresses.push_back(address.to_text());
-  rpc_ = std::make_unique<RpcServer>(rpc, *jobs_, *blobs_, stalls_, ids_);
+  rpc_ = std::make_unique<RpcServer>(rpc, *jobs_, *blobs_, *maintenance_, stalls_, ids_);
   if (is_socket) restrict_socket(listen.path);
   if (!is_socket) listen.port = rpc_->port();
   address_ = listen.to_text();

@@ -3,6 +3,7 @@
 #include "server/config/listen_address.h"
 #include "server/jobs/blob_catalog.h"
 #include "server/jobs/job_manager.h"
+#include "server/jobs/maintenance.h"
 #include "server/jobs/storage_state.h"
 #include "server/launch/local_launcher.h"
 #include "server/rpc/rpc_server.h"
@@ -33,6 +34,8 @@ struct DaemonSettings {
   std::filesystem::path worker;  ///< the worker's program
   ManagerSettings jobs;
   ReserveSettings reserve;
+  Retention retention;
+  Maintenance::Intervals maintenance;
   std::string version;
   std::function<void(const std::string& line)> log = [](const std::string&) {};  ///< from any thread
 };
@@ -92,6 +95,7 @@ class Daemon {
   SqliteJobStore* rows_ = nullptr;  // inside store_
   std::unique_ptr<JobStore> store_;
   std::unique_ptr<Launcher> launcher_;
+  std::unique_ptr<Maintenance> maintenance_;
   std::unique_ptr<RpcServer> rpc_;
   std::thread thread_;
 };

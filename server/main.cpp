@@ -1,6 +1,7 @@
 #include "core/support/errors.h"
 #include "server/config/config.h"
 #include "server/daemon.h"
+#include "server/offline_fsck.h"
 #include "server/rpc/limits.h"
 #include "server/rpc/status_map.h"
 
@@ -17,6 +18,7 @@
 #include <cerrno>
 #include <cstdio>
 #include <exception>
+#include <iostream>
 
 namespace {
 
@@ -64,6 +66,7 @@ DaemonSettings settings_of(const Config& config) {
   settings.worker = config.worker;
   settings.version = SALTUS_VERSION;
   settings.reserve = config.reserve;
+  settings.retention = config.retention;
   settings.log = [](const std::string& line) { spdlog::info("{}", line); };
   settings.jobs.slots = config.slots;
   settings.jobs.default_threads = config.threads_per_job;
@@ -103,6 +106,7 @@ int main(int argc, char** argv) {
     const ParsedConfig parsed = parse_config(argc, argv);
     if (parsed.has_ended) return parsed.exit_code;
     spdlog::set_level(spdlog::level::from_str(parsed.config.log_level));
+    if (parsed.config.fsck) return check_data_folder(parsed.config.data, std::cout) ? 0 : kFailed;
     return serve(parsed.config, signals);
   } catch (const InvalidInput& error) {
     std::fprintf(stderr, "saltusd: %s\n", error.what());

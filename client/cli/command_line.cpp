@@ -10,6 +10,7 @@
 #include "client/cli/phantom_command.h"
 #include "client/cli/points_command.h"
 #include "client/cli/register_command.h"
+#include "client/cli/server_command.h"
 #include "client/cli/submit_command.h"
 #include "client/cli/warp_command.h"
 #include "client/cli/watch_command.h"
@@ -61,6 +62,7 @@ int run_command_line(int argument_count, const char* const* arguments) {
   add_warp_command(app, exit_code);
   add_evaluate_command(app, exit_code);
   add_phantom_command(app, exit_code);
+  add_server_command(app, exit_code);
   app.footer("Exit codes: 0 done, 1 failed, 2 usage, 3 server not reachable, 4 cancelled.");
   try {
     app.parse(argument_count, arguments);

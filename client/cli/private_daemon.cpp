@@ -124,7 +124,9 @@ void PrivateDaemon::start(const fs::path& program) {
   posix_spawnattr_setpgroup(&attributes, 0);
   posix_spawnattr_setflags(&attributes, POSIX_SPAWN_SETPGROUP);
 
-  std::vector<std::string> words{program, "--listen", address_, "--data", folder_ / "data", "--exit-on-stdin-close"};
+  std::vector<std::string> words{program, "--listen", address_, "--data", folder_ / "data", "--exit-on-stdin-close",
+                                 // It goes with this command, so it need not leave room for a day's work.
+                                 "--disk-reserve", "64M"};
   std::vector<char*> arguments;
   for (std::string& word : words) arguments.push_back(word.data());
   arguments.push_back(nullptr);

@@ -87,6 +87,19 @@ ParsedConfig parse_config(int argc, char** argv) {
                  "At least so long between two checkpoints of a job, from which another worker can go on; 0 makes none")
       ->check(CLI::Range(0.0, 86400.0))
       ->capture_default_str();
+  long long input_days = 7, result_days = 30, upload_hours = 24;
+  app.add_option("--keep-inputs-days", input_days, "How long images that no job refers to are kept")
+      ->check(CLI::Range(0, 36500))
+      ->capture_default_str();
+  app.add_option("--keep-results-days", result_days, "How long jobs and their results are kept after the job's end")
+      ->check(CLI::Range(0, 36500))
+      ->capture_default_str();
+  app.add_option("--keep-uploads-hours", upload_hours, "How long an upload that was cut can be continued")
+      ->check(CLI::Range(0, 876000))
+      ->capture_default_str();
+  app.add_flag(
+      "--fsck", config.fsck,
+      "Check every blob of a folder that no daemon uses, tell what is damaged, and end: 0 nothing, 1 something");
   std::string reserve;
   app.add_option(
          "--disk-reserve", reserve,
@@ -114,6 +127,8 @@ ParsedConfig parse_config(int argc, char** argv) {
   config.worker = worker.empty() ? default_worker() : fs::absolute(worker);
   require_program(config.worker);
   if (!reserve.empty()) config.reserve = parse_reserve(reserve);
+  config.retention = {std::chrono::hours(24 * input_days), std::chrono::hours(24 * result_days),
+                      std::chrono::hours(upload_hours)};
   config.lease = std::chrono::milliseconds(static_cast<long long>(lease_seconds * 1000));
   config.checkpoint_interval = std::chrono::milliseconds(static_cast<long long>(checkpoint_seconds * 1000));
   return parsed;

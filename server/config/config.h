@@ -1,6 +1,7 @@
 #pragma once
 
 #include "server/config/listen_address.h"
+#include "server/jobs/garbage_collector.h"
 #include "server/rpc/listener.h"
 #include "server/store/disk_reserve.h"
 
@@ -24,6 +25,8 @@ struct Config {
   std::chrono::milliseconds lease{};
   std::chrono::milliseconds checkpoint_interval{};
   ReserveSettings reserve;
+  Retention retention;
+  bool fsck = false;  ///< check the folder and end
   std::string log_level;
   bool exit_on_stdin_close = false;
 };

@@ -8,10 +8,22 @@ namespace saltus::server {
 
 std::vector<std::string> BlobCatalog::missing(const std::vector<std::string>& digests) {
   std::map<std::string, std::int64_t> sizes;
+  std::vector<std::string> marked;
   rows_.read([&](JobReader& reader) {
-    for (const std::string& digest : digests)
-      if (const auto size = reader.blob_size(digest)) sizes[digest] = *size;
+    for (const std::string& digest : digests) {
+      const auto size = reader.blob_size(digest);
+      if (!size) continue;
+      sizes[digest] = *size;
+      if (reader.is_marked_unreferenced(digest)) marked.push_back(digest);
+    }
   });
+  // Who is told that a blob is here means to use it: its time begins anew.
+  if (!marked.empty())
+    rows_.write(
+        [marked](JobTable& table) {
+          for (const std::string& digest : marked) table.unmark_unreferenced(digest);
+        },
+        [](std::exception_ptr) {});
   // A row whose bytes were damaged from outside counts as missing, so that a new upload heals it.
   std::vector<std::string> result;
   for (const std::string& digest : digests) {

@@ -1,10 +1,14 @@
 #pragma once
 
+#include "server/jobs/clock.h"
+
+#include <chrono>
 #include <cstddef>
 #include <cstdint>
 #include <memory>
 #include <string>
 #include <string_view>
+#include <vector>
 
 namespace saltus::server {
 
@@ -65,6 +69,19 @@ class BlobStore {
   /// Throws Refusal BLOB_CORRUPT when the bytes are missing or have another size.
   virtual std::unique_ptr<BlobReader> open(const std::string& digest, std::int64_t size) = 0;
   virtual void remove(const std::string& digest) = 0;
+
+  /// Digests of all bytes that have had their names since before `before`, in any order.
+  virtual std::vector<std::string> named_before(WallTime before) = 0;
+  struct Leftovers {
+    int count = 0;
+    std::int64_t bytes = 0;
+  };
+  /// Removes uploads that no stream has been at for `age`.
+  virtual Leftovers expire_uploads(std::chrono::milliseconds age) = 0;
+  /// Uploads that are under way or wait to be continued.
+  virtual int uploads_left() = 0;
+  /// Bytes that were found damaged and set aside, for somebody to look at.
+  virtual int set_aside() = 0;
 };
 
 }  // namespace saltus::server

@@ -14,7 +14,7 @@ constexpr auto kNewest = std::numeric_limits<std::int64_t>::max();
 constexpr auto kAll = std::numeric_limits<int>::max();
 
 Refusal draining() {
-  return {RefusalKind::Unavailable, "DRAINING", "the daemon is shutting down and takes no new jobs; try again later"};
+  return {RefusalKind::Unavailable, "DRAINING", "the daemon is draining and takes no new jobs; try again later"};
 }
 
 Refusal lease_lost(const AttemptKey& key) {
@@ -130,7 +130,7 @@ void JobManager::recover() {
 }
 
 void JobManager::submit(const NewJob& job, Reply<JobView> reply) {
-  if (is_draining_) throw draining();
+  if (is_draining_ || is_paused_) throw draining();
   auto position = std::make_shared<int>(0);
   write_change(
       "",
@@ -359,7 +359,7 @@ void JobManager::launch(const LaunchRequest& request) {
 void JobManager::dispatch() {
   {
     std::lock_guard lock(mutex_);
-    if (is_dispatching_ || drain_started_ || queued_ == 0 || leases_.size() >= settings_.slots) return;
+    if (is_dispatching_ || drain_started_ || is_paused_ || queued_ == 0 || leases_.size() >= settings_.slots) return;
     is_dispatching_ = true;
   }
   auto token = std::make_shared<std::string>();
@@ -397,6 +397,11 @@ void JobManager::begin_drain() {
     keys = leases_.all();
   }
   for (const AttemptKey& key : keys) launcher_.terminate(key);
+  wake_();
+}
+
+void JobManager::set_paused(bool is_paused) {
+  is_paused_ = is_paused;
   wake_();
 }
 

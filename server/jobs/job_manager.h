@@ -87,6 +87,8 @@ class JobManager {
   void tick();
   /// From now on no job is accepted or started; workers are asked to end and their jobs are queued again.
   void begin_drain();
+  /// While paused, jobs are refused as in a drain and no attempt is started; what runs goes on.
+  void set_paused(bool is_paused);
   bool is_draining() const { return is_draining_; }
   /// All workers are gone.
   bool is_drained() const;
@@ -128,6 +130,7 @@ class JobManager {
   bool is_dispatching_ = false;
   std::optional<SteadyTime> drain_started_;
   std::atomic<bool> is_draining_{false};
+  std::atomic<bool> is_paused_{false};
   std::atomic<int> queued_{0};
 };
 

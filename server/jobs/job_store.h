@@ -11,6 +11,12 @@
 
 namespace saltus::server {
 
+struct BlobRow {
+  std::string digest;
+  std::int64_t size = 0;
+  bool operator==(const BlobRow&) const = default;
+};
+
 /// The committed rows, as of one moment.
 class JobReader {
  public:
@@ -22,6 +28,14 @@ class JobReader {
   virtual std::vector<std::int64_t> queued_up_to(std::int64_t last) = 0;
   virtual int count(JobState state) = 0;
   virtual std::optional<std::int64_t> blob_size(const std::string& digest) = 0;
+  /// In the order of their digests: those after `after`, at most `limit`.
+  virtual std::vector<BlobRow> blobs_after(const std::string& after, int limit) = 0;
+  /// Blobs that no job has referred to since before `before`, as mark_unreferenced has noted; at most `limit`.
+  virtual std::vector<BlobRow> unreferenced_since(WallTime before, int limit) = 0;
+  /// mark_unreferenced has found that no job refers to the blob.
+  virtual bool is_marked_unreferenced(const std::string& digest) = 0;
+  /// Jobs in a terminal state that ended before `before`, at most `limit`.
+  virtual std::vector<std::string> ended_before(WallTime before, int limit) = 0;
 };
 
 /// The rows inside one write transaction. Only valid during the operation it was given to.
@@ -35,7 +49,13 @@ class JobTable : public JobReader {
   /// Replaces what may change: state, attempts, times, failure, artefacts, checkpoint. Raises the revision of `job`.
   virtual void update(JobRecord& job) = 0;
   virtual void erase(const std::string& id) = 0;
+  /// One that is there stays, and counts as used just now.
   virtual void insert_blob(const std::string& digest, std::int64_t size, WallTime now) = 0;
+  /// Notes `now` for blobs that no job refers to, unless it was noted before; takes the note from those that are
+  /// referred to. Returns how many were noted.
+  virtual int mark_unreferenced(WallTime now) = 0;
+  /// Takes the note away: somebody has just asked for the blob.
+  virtual void unmark_unreferenced(const std::string& digest) = 0;
   /// True when the blob is gone from the table; false when a job still refers to it.
   virtual bool erase_blob_if_unreferenced(const std::string& digest) = 0;
 };

@@ -17,6 +17,8 @@ using E = JobEvent;
 constexpr Row kTable[] = {
     {S::Queued, E::Start, S::Running},         {S::Queued, E::Cancel, S::Cancelled},
 
+    {S::Queued, E::LoseInput, S::Failed},
+
     {S::Running, E::Succeed, S::Succeeded},    {S::Running, E::Fail, S::Failed},
     {S::Running, E::Cancel, S::Cancelling},    {S::Running, E::Lose, S::Queued},
     {S::Running, E::GiveUp, S::Failed},        {S::Running, E::Release, S::Queued},

@@ -32,6 +32,10 @@ constexpr MethodRule kRules[] = {
     {"/saltus.v1.WorkerService/PutCheckpoint", None, None, All, None, true},
     {"/saltus.v1.WorkerService/CompleteJob", None, None, All, None, true},
 
+    {"/saltus.v1.AdminService/Drain", None, None, None, All, true},
+    {"/saltus.v1.AdminService/CollectGarbage", None, None, None, All, true},
+    {"/saltus.v1.AdminService/Fsck", None, None, None, All, false},
+
     {"/grpc.health.v1.Health/Check", All, All, All, All, false},
     {"/grpc.health.v1.Health/Watch", All, All, All, All, false},
     // For people at the machine, to find out what is served.

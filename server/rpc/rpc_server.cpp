@@ -26,14 +26,18 @@ void enable_extensions() {
 
 }  // namespace
 
-RpcServer::RpcServer(const RpcSettings& settings, JobManager& jobs, BlobCatalog& blobs, StallWatch& stalls,
-                     const IdSource& ids)
+RpcServer::RpcServer(const RpcSettings& settings, JobManager& jobs, BlobCatalog& blobs, Maintenance& maintenance,
+                     StallWatch& stalls, const IdSource& ids)
     : authorisation_(settings.roles),
       pool_(kPoolThreads),
       registration_(jobs, ids, authorisation_, pool_),
       blobs_(blobs, pool_, stalls),
       info_(jobs, settings.version),
-      worker_(jobs, pool_) {
+      worker_(jobs, pool_),
+      admin_(jobs, maintenance, pool_, stalls, [this](bool is_draining) {
+        server_->GetHealthCheckService()->SetServingStatus(v1::RegistrationService::service_full_name(),
+                                                           !is_draining && !is_read_only_);
+      }) {
   enable_extensions();
   grpc::ServerBuilder builder;
   builder.AddListeningPort(settings.address, grpc::InsecureServerCredentials(), &port_);
@@ -54,6 +58,7 @@ RpcServer::RpcServer(const RpcSettings& settings, JobManager& jobs, BlobCatalog&
   builder.RegisterService(&blobs_);
   builder.RegisterService(&info_);
   builder.RegisterService(&worker_);
+  builder.RegisterService(&admin_);
   server_ = builder.BuildAndStart();
   std::string addresses = settings.address;
   for (const std::string& address : settings.protected_addresses) addresses += ", " + address;
@@ -68,6 +73,7 @@ RpcServer::~RpcServer() { stop(std::chrono::milliseconds(0)); }
 void RpcServer::set_not_serving() { server_->GetHealthCheckService()->SetServingStatus(false); }
 
 void RpcServer::set_read_only() {
+  is_read_only_ = true;
   for (const char* service : {v1::RegistrationService::service_full_name(), v1::BlobService::service_full_name(),
                               v1::WorkerService::service_full_name(), ""})
     server_->GetHealthCheckService()->SetServingStatus(service, false);

@@ -3,6 +3,8 @@
 #include "server/jobs/blob_catalog.h"
 #include "server/jobs/id_source.h"
 #include "server/jobs/job_manager.h"
+#include "server/jobs/maintenance.h"
+#include "server/rpc/admin_service.h"
 #include "server/rpc/authorisation.h"
 #include "server/rpc/blob_service.h"
 #include "server/rpc/listener.h"
@@ -14,6 +16,7 @@
 
 #include <grpcpp/server.h>
 
+#include <atomic>
 #include <chrono>
 #include <memory>
 #include <string>
@@ -55,6 +58,8 @@ class RpcServer {
   BlobServiceImpl blobs_;
   ServerInfoServiceImpl info_;
   WorkerServiceImpl worker_;
+  AdminServiceImpl admin_;
+  std::atomic<bool> is_read_only_{false};
   int port_ = 0;
   std::vector<int> protected_ports_;
   std::unique_ptr<grpc::Server> server_;

@@ -88,11 +88,11 @@ std::unique_ptr<BlobReader> BlobDirectory::open(const std::string& digest, std::
   if (descriptor.get() < 0 || ::fstat(descriptor.get(), &status) != 0 || status.st_size != size)
     throw blob_corrupt(digest);
   return std::make_unique<FileReader>(std::move(descriptor), digest, size,
-                                      [this, digest](int file) { set_aside(digest, file); });
+                                      [this, digest](int file) { move_aside(digest, file); });
 }
 
 /// Where that fails, as on a disk that can only be read, the blob stays and is found damaged again.
-void BlobDirectory::set_aside(const std::string& digest, int descriptor) {
+void BlobDirectory::move_aside(const std::string& digest, int descriptor) {
   const std::lock_guard lock(names_mutex_);
   const fs::path path = path_of(digest);
   struct stat read {
@@ -121,6 +121,27 @@ int BlobDirectory::remove_unknown(const std::function<bool(const std::string&)>&
     }
   }
   return removed;
+}
+
+std::vector<std::string> BlobDirectory::named_before(WallTime before) {
+  std::vector<std::string> digests;
+  for (const auto& folder : fs::directory_iterator(folders_.blobs)) {
+    if (!folder.is_directory()) continue;
+    for (const auto& entry : fs::directory_iterator(folder.path())) {
+      struct stat status {};
+      if (::stat(entry.path().c_str(), &status) != 0) continue;  // removed meanwhile
+      // The time of the last change is that of the renaming.
+      const auto renamed =
+          std::chrono::seconds(status.st_ctim.tv_sec) + std::chrono::nanoseconds(status.st_ctim.tv_nsec);
+      if (WallTime(std::chrono::duration_cast<std::chrono::milliseconds>(renamed)) >= before) continue;
+      digests.push_back(std::string(kPrefix) + folder.path().filename().string() + entry.path().filename().string());
+    }
+  }
+  return digests;
+}
+
+int BlobDirectory::set_aside() {
+  return static_cast<int>(std::distance(fs::directory_iterator(folders_.corrupt), fs::directory_iterator()));
 }
 
 }  // namespace saltus::server

@@ -37,13 +37,16 @@ class BlobDirectory final : public BlobStore {
   /// Removes files that `is_known` does not know by digest: what a crash left between two steps. Returns how many.
   int remove_unknown(const std::function<bool(const std::string& digest)>& is_known);
 
-  UploadParts& uploads() { return uploads_; }
+  std::vector<std::string> named_before(WallTime before) override;
+  Leftovers expire_uploads(std::chrono::milliseconds age) override { return uploads_.expire(age); }
+  int uploads_left() override { return uploads_.count(); }
+  int set_aside() override;
 
  private:
   static Disk& real_disk();
   std::filesystem::path path_of(const std::string& digest) const;
   void sync_folder(const std::filesystem::path& folder);
-  void set_aside(const std::string& digest, int descriptor);
+  void move_aside(const std::string& digest, int descriptor);
 
   const BlobFolders folders_;
   StorageState& state_;

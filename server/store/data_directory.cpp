@@ -51,6 +51,17 @@ DataDirectory::DataDirectory(fs::path root) {
   for (const fs::path& folder : {blobs(), uploads(), corrupt(), run(), logs()}) fs::create_directories(folder);
 }
 
+void DataDirectory::require_database_of_blobs() const {
+  std::error_code error;
+  const auto size = fs::file_size(database(), error);
+  if (!error && size > 0) return;
+  for (const auto& folder : fs::directory_iterator(blobs()))
+    if (folder.is_directory() && !fs::is_empty(folder.path()))
+      throw std::runtime_error("the database " + database().string() + " is " + (error ? "gone" : "empty") +
+                               " although there are blobs in " + blobs().string() +
+                               "; put a backup of it in its place, or move the blobs away and begin with none");
+}
+
 DataDirectory::~DataDirectory() { close(lock_); }
 
 }  // namespace saltus::server

@@ -16,6 +16,10 @@ class DataDirectory {
   DataDirectory(const DataDirectory&) = delete;
   DataDirectory& operator=(const DataDirectory&) = delete;
 
+  /// Throws std::runtime_error when there are blobs and no database that knows them: a daemon that began with an empty
+  /// one would take them all for leftovers and remove them.
+  void require_database_of_blobs() const;
+
   std::filesystem::path database() const { return root_ / "saltusd.db"; }
   std::filesystem::path blobs() const { return root_ / "blobs" / "sha256"; }
   std::filesystem::path uploads() const { return root_ / "uploads"; }

@@ -120,7 +120,14 @@ CREATE TABLE checkpoint (
 CREATE INDEX checkpoint_by_digest ON checkpoint (digest);
 )sql";
 
-constexpr const char* kMigrations[] = {kJobsAndBlobs, kSchedulingAndCheckpoints};
+// Since when no job has referred to a blob, as the garbage collector has found; NULL while one does or nobody looked.
+constexpr const char* kRetention = R"sql(
+ALTER TABLE blob ADD COLUMN unreferenced_since INTEGER;
+CREATE INDEX blob_by_unreferenced ON blob (unreferenced_since) WHERE unreferenced_since IS NOT NULL;
+CREATE INDEX job_by_end ON job (ended) WHERE ended IS NOT NULL;
+)sql";
+
+constexpr const char* kMigrations[] = {kJobsAndBlobs, kSchedulingAndCheckpoints, kRetention};
 static_assert(std::size(kMigrations) == kSchemaVersion);
 
 std::int64_t pragma(Database& database, const char* sql) {

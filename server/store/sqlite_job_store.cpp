@@ -15,11 +15,39 @@ namespace {
 // Keeps the latency of the first of a long queue bounded.
 constexpr std::size_t kLargestGroup = 128;
 
+[[noreturn]] void refuse_damaged(const std::filesystem::path& file, const std::string& reason) {
+  throw std::runtime_error("the database " + file.string() + " is damaged (" + reason +
+                           "); put a backup of it in its "
+                           "place, or move the whole folder away and begin with an empty one");
+}
+
+/// Runs `work`; what SQLite says of a file that is no sound database becomes one sentence.
+template <class Work>
+auto explained(const std::filesystem::path& file, Work work) {
+  try {
+    return work();
+  } catch (const DatabaseError& error) {
+    if (error.code() == SQLITE_CORRUPT || error.code() == SQLITE_NOTADB) refuse_damaged(file, error.what());
+    throw std::runtime_error("the database " + file.string() + " cannot be used: " + error.what());
+  }
+}
+
 }  // namespace
+
+void require_sound_database(const std::filesystem::path& file) {
+  explained(file, [&] {
+    Database database(file, Database::Access::ReadOnly);
+    // Every page and every row; what an index says of them is not worth the time at each start.
+    Query query = database.query("PRAGMA quick_check(1)");
+    if (!query.step()) refuse_damaged(file, "its check says nothing");
+    if (const std::string found = query.text(); found != "ok") refuse_damaged(file, found);
+  });
+}
 
 SqliteJobStore::SqliteJobStore(std::filesystem::path file, std::function<void(const std::string&)> on_broken)
     : file_(std::move(file)), on_broken_(std::move(on_broken)), writer_(file_, Database::Access::ReadWrite) {
-  prepare_schema(writer_);
+  explained(file_, [this] { prepare_schema(writer_); });
+  require_sound_database(file_);
   thread_ = std::thread([this] { run(); });
 }
 

@@ -14,6 +14,9 @@
 
 namespace saltus::server {
 
+/// Throws std::runtime_error, with the file's name and what to do, when the database is damaged. Reads all of it.
+void require_sound_database(const std::filesystem::path& file);
+
 /// Jobs in one SQLite file. One thread owns the writing connection and commits what has queued up in one go (an fsync
 /// costs milliseconds, a row microseconds); readers have connections of their own and never wait for it.
 ///
@@ -22,7 +25,7 @@ namespace saltus::server {
 /// called once; reading goes on.
 class SqliteJobStore final : public JobStore {
  public:
-  /// Throws std::runtime_error when the file cannot be used.
+  /// Throws std::runtime_error when the file cannot be used: one sentence with its name and the way out.
   SqliteJobStore(std::filesystem::path file, std::function<void(const std::string& reason)> on_broken);
   /// Finishes what was handed in before.
   ~SqliteJobStore() override;

@@ -38,6 +38,23 @@ void bind_failure(Query& query, const std::optional<JobFailure>& failure) {
 
 std::int64_t number(JobState state) { return static_cast<std::int64_t>(state); }
 
+// Of a row of the table blob. Whatever refers to blobs stands here.
+#define SALTUS_IS_UNREFERENCED                                          \
+  "NOT EXISTS (SELECT 1 FROM input WHERE digest = blob.digest) "        \
+  "AND NOT EXISTS (SELECT 1 FROM artifact WHERE digest = blob.digest) " \
+  "AND NOT EXISTS (SELECT 1 FROM checkpoint WHERE digest = blob.digest)"
+
+std::vector<BlobRow> blob_rows(Query& query) {
+  std::vector<BlobRow> rows;
+  while (query.step()) {
+    BlobRow row;
+    row.digest = query.text();
+    row.size = query.integer();
+    rows.push_back(std::move(row));
+  }
+  return rows;
+}
+
 }  // namespace
 
 JobRecord SqliteJobTable::record(Query& query) {
@@ -238,22 +255,64 @@ void SqliteJobTable::write_checkpoint(const JobRecord& job) {
 void SqliteJobTable::erase(const std::string& id) { database_.query("DELETE FROM job WHERE id = ?").bind(id).run(); }
 
 void SqliteJobTable::insert_blob(const std::string& digest, std::int64_t size, WallTime now) {
-  database_.query("INSERT OR IGNORE INTO blob (digest, size, created) VALUES (?, ?, ?)")
+  database_
+      .query(
+          "INSERT INTO blob (digest, size, created) VALUES (?, ?, ?) "
+          "ON CONFLICT (digest) DO UPDATE SET unreferenced_since = NULL")
       .bind(digest)
       .bind(size)
       .bind(milliseconds(now))
       .run();
 }
 
-bool SqliteJobTable::erase_blob_if_unreferenced(const std::string& digest) {
+int SqliteJobTable::mark_unreferenced(WallTime now) {
   database_
       .query(
-          "DELETE FROM blob WHERE digest = ?1 AND NOT EXISTS (SELECT 1 FROM input WHERE digest = ?1) "
-          "AND NOT EXISTS (SELECT 1 FROM artifact WHERE digest = ?1) "
-          "AND NOT EXISTS (SELECT 1 FROM checkpoint WHERE digest = ?1)")
-      .bind(digest)
+          "UPDATE blob SET unreferenced_since = NULL WHERE unreferenced_since IS NOT NULL AND NOT "
+          "(" SALTUS_IS_UNREFERENCED ")")
       .run();
+  database_.query("UPDATE blob SET unreferenced_since = ? WHERE unreferenced_since IS NULL AND " SALTUS_IS_UNREFERENCED)
+      .bind(milliseconds(now))
+      .run();
+  return database_.changes();
+}
+
+void SqliteJobTable::unmark_unreferenced(const std::string& digest) {
+  database_.query("UPDATE blob SET unreferenced_since = NULL WHERE digest = ?").bind(digest).run();
+}
+
+bool SqliteJobTable::erase_blob_if_unreferenced(const std::string& digest) {
+  database_.query("DELETE FROM blob WHERE digest = ? AND " SALTUS_IS_UNREFERENCED).bind(digest).run();
   return database_.changes() > 0;
+}
+
+std::vector<BlobRow> SqliteJobTable::blobs_after(const std::string& after, int limit) {
+  Query query = database_.query("SELECT digest, size FROM blob WHERE digest > ? ORDER BY digest LIMIT ?");
+  query.bind(after).bind(limit);
+  return blob_rows(query);
+}
+
+std::vector<BlobRow> SqliteJobTable::unreferenced_since(WallTime before, int limit) {
+  Query query = database_.query("SELECT digest, size FROM blob WHERE unreferenced_since < ? AND " SALTUS_IS_UNREFERENCED
+                                " LIMIT ?");
+  query.bind(milliseconds(before)).bind(limit);
+  return blob_rows(query);
+}
+
+bool SqliteJobTable::is_marked_unreferenced(const std::string& digest) {
+  Query query = database_.query("SELECT 1 FROM blob WHERE digest = ? AND unreferenced_since IS NOT NULL");
+  query.bind(digest);
+  return query.step();
+}
+
+std::vector<std::string> SqliteJobTable::ended_before(WallTime before, int limit) {
+  Query query = database_.query("SELECT id FROM job WHERE ended < ? AND state IN (?, ?, ?) LIMIT ?");
+  query.bind(milliseconds(before));
+  for (const JobState state : {JobState::Succeeded, JobState::Failed, JobState::Cancelled}) query.bind(number(state));
+  query.bind(limit);
+  std::vector<std::string> ids;
+  while (query.step()) ids.push_back(query.text());
+  return ids;
 }
 
 std::vector<std::string> SqliteJobTable::blobs() {

@@ -15,6 +15,10 @@ class SqliteJobTable final : public JobTable {
   std::vector<std::int64_t> queued_up_to(std::int64_t last) override;
   int count(JobState state) override;
   std::optional<std::int64_t> blob_size(const std::string& digest) override;
+  std::vector<BlobRow> blobs_after(const std::string& after, int limit) override;
+  std::vector<BlobRow> unreferenced_since(WallTime before, int limit) override;
+  bool is_marked_unreferenced(const std::string& digest) override;
+  std::vector<std::string> ended_before(WallTime before, int limit) override;
 
   std::optional<JobRecord> find_request(const std::string& submitter, const std::string& request_id) override;
   std::optional<JobRecord> next_queued() override;
@@ -22,6 +26,8 @@ class SqliteJobTable final : public JobTable {
   void update(JobRecord& job) override;
   void erase(const std::string& id) override;
   void insert_blob(const std::string& digest, std::int64_t size, WallTime now) override;
+  int mark_unreferenced(WallTime now) override;
+  void unmark_unreferenced(const std::string& digest) override;
   bool erase_blob_if_unreferenced(const std::string& digest) override;
 
   /// Digests of all blobs.

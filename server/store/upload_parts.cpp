@@ -193,19 +193,19 @@ void UploadParts::move(BlobUpload& upload, const fs::path& target) {
   part.is_gone = true;
 }
 
-UploadParts::Removed UploadParts::expire(std::chrono::milliseconds age) {
+BlobStore::Leftovers UploadParts::expire(std::chrono::milliseconds age) {
   std::vector<std::shared_ptr<UploadPart>> parts;
   {
     const std::lock_guard lock(mutex_);
     for (const auto& [name, part] : parts_) parts.push_back(part);
   }
-  Removed removed;
+  BlobStore::Leftovers removed;
   const WallTime before = clock_.wall() - age;
   for (const auto& part : parts) {
     const std::lock_guard lock(part->mutex);
     if (part->is_gone || part->is_held || part->touched > before) continue;
     removed.bytes += remove(*part);
-    ++removed.parts;
+    ++removed.count;
   }
   return removed;
 }

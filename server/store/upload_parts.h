@@ -54,12 +54,8 @@ class UploadParts {
   /// Renames a sealed upload's file; the caller syncs the folder it went to.
   void move(BlobUpload& upload, const std::filesystem::path& target);
 
-  struct Removed {
-    int parts = 0;
-    std::int64_t bytes = 0;
-  };
   /// Removes parts that no stream has been at for `age`.
-  Removed expire(std::chrono::milliseconds age);
+  BlobStore::Leftovers expire(std::chrono::milliseconds age);
   /// Parts that wait to be continued or are being written.
   int count();
 

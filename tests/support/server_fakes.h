@@ -101,20 +101,58 @@ class MemoryTable final : public server::JobTable {
   }
   void insert_blob(const std::string& digest, std::int64_t size, server::WallTime) override {
     blobs_.emplace(digest, size);
+    unreferenced_since_.erase(digest);
   }
+  std::vector<server::BlobRow> blobs_after(const std::string& after, int limit) override {
+    std::vector<server::BlobRow> rows;
+    for (auto it = blobs_.upper_bound(after); it != blobs_.end() && static_cast<int>(rows.size()) < limit; ++it)
+      rows.push_back({it->first, it->second});
+    return rows;
+  }
+  std::vector<server::BlobRow> unreferenced_since(server::WallTime before, int limit) override {
+    std::vector<server::BlobRow> rows;
+    for (const auto& [digest, since] : unreferenced_since_)
+      if (since < before && !is_referenced(digest) && static_cast<int>(rows.size()) < limit)
+        rows.push_back({digest, blobs_.at(digest)});
+    return rows;
+  }
+  bool is_marked_unreferenced(const std::string& digest) override { return unreferenced_since_.count(digest) > 0; }
+  std::vector<std::string> ended_before(server::WallTime before, int limit) override {
+    std::vector<std::string> ids;
+    for (const auto& [sequence, job] : jobs_)
+      if (server::is_terminal(job.state) && job.ended && *job.ended < before && static_cast<int>(ids.size()) < limit)
+        ids.push_back(job.id);
+    return ids;
+  }
+  int mark_unreferenced(server::WallTime now) override {
+    int marked = 0;
+    for (const auto& [digest, size] : blobs_)
+      if (is_referenced(digest))
+        unreferenced_since_.erase(digest);
+      else
+        marked += unreferenced_since_.emplace(digest, now).second ? 1 : 0;
+    return marked;
+  }
+  void unmark_unreferenced(const std::string& digest) override { unreferenced_since_.erase(digest); }
   bool erase_blob_if_unreferenced(const std::string& digest) override {
-    for (const auto& [sequence, job] : jobs_) {
-      if (std::find(job.inputs.begin(), job.inputs.end(), digest) != job.inputs.end()) return false;
-      for (const auto& artifact : job.artifacts)
-        if (artifact.digest == digest) return false;
-      if (job.checkpoint && job.checkpoint->digest == digest) return false;
-    }
+    if (is_referenced(digest)) return false;
+    unreferenced_since_.erase(digest);
     return blobs_.erase(digest) > 0;
   }
 
  private:
+  bool is_referenced(const std::string& digest) const {
+    for (const auto& [sequence, job] : jobs_) {
+      if (std::find(job.inputs.begin(), job.inputs.end(), digest) != job.inputs.end()) return true;
+      for (const auto& artifact : job.artifacts)
+        if (artifact.digest == digest) return true;
+      if (job.checkpoint && job.checkpoint->digest == digest) return true;
+    }
+    return false;
+  }
   std::map<std::int64_t, JobRecord> jobs_;
   std::map<std::string, std::int64_t> blobs_;
+  std::map<std::string, server::WallTime> unreferenced_since_;
   std::int64_t last_sequence_ = 0;
 };
 

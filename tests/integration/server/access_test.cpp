@@ -1,6 +1,8 @@
 // Who gets in, and what may he do? Over real connections with mutual TLS.
 #include "core/support/errors.h"
 #include "tests/integration/server/daemon_test.h"
+
+#include "saltus/v1/admin.pb.h"
 #include "tests/support/certificates.h"
 
 #include <gmock/gmock.h>
@@ -84,7 +86,8 @@ class Access : public testing_support::DaemonTest {
 std::set<std::string> described_methods() {
   std::set<std::string> methods;
   std::set<const google::protobuf::FileDescriptor*> files;
-  for (const auto* message : {v1::ServerInfo::descriptor(), v1::HeartbeatRequest::descriptor()})
+  for (const auto* message :
+       {v1::ServerInfo::descriptor(), v1::HeartbeatRequest::descriptor(), v1::DrainRequest::descriptor()})
     files.insert(message->file());
   for (const auto* file : files)
     for (int s = 0; s < file->service_count(); ++s)
@@ -117,7 +120,9 @@ TEST_F(Access, EachRoleMayCallWhatTheTableGivesItAndNothingElse) {
   submitter.insert({registration + "CreateRegistrationJob", registration + "CancelRegistrationJob",
                     registration + "DeleteRegistrationJob", "/saltus.v1.BlobService/FindMissingBlobs",
                     "/saltus.v1.BlobService/WriteBlob", "/saltus.v1.BlobService/QueryWriteStatus"});
-  const std::set<std::string> admin = submitter;
+  std::set<std::string> admin = submitter;
+  admin.insert(
+      {"/saltus.v1.AdminService/Drain", "/saltus.v1.AdminService/CollectGarbage", "/saltus.v1.AdminService/Fsck"});
   const std::set<std::string> for_workers = {worker + "AcquireLease",
                                              worker + "Heartbeat",
                                              worker + "PutCheckpoint",

@@ -41,6 +41,18 @@ TEST_F(CommandLine, HelpsEverywhere) {
   }
 }
 
+TEST_F(CommandLine, HelpsAdministrators) {
+  for (const char* command : {"info", "drain", "gc", "fsck"}) {
+    const Outcome outcome = run({"server", command, "--help"});
+    EXPECT_EQ(outcome.exit_code, Done) << command;
+    EXPECT_THAT(outcome.out, HasSubstr("Example")) << command;
+    EXPECT_THAT(outcome.out, HasSubstr("--json")) << command;
+    EXPECT_EQ(run({"server", command}).exit_code, Usage) << command;
+  }
+  EXPECT_EQ(run({"server"}).exit_code, Usage);
+  EXPECT_EQ(run({"server", "drain", "--server", "unix:/nowhere/socket"}).exit_code, ServerNotReachable);
+}
+
 TEST_F(CommandLine, RefusesWhatItDoesNotKnow) {
   EXPECT_EQ(run({}).exit_code, Usage);
   EXPECT_EQ(run({"regsiter"}).exit_code, Usage);

@@ -23,6 +23,10 @@ class RecordingBlobs final : public BlobStore {
   bool holds(const std::string&, std::int64_t) const override { return true; }
   std::unique_ptr<BlobReader> open(const std::string&, std::int64_t) override { throw std::logic_error("not here"); }
   void remove(const std::string& digest) override { removed.push_back(digest); }
+  std::vector<std::string> named_before(WallTime) override { throw std::logic_error("not here"); }
+  Leftovers expire_uploads(std::chrono::milliseconds) override { throw std::logic_error("not here"); }
+  int uploads_left() override { throw std::logic_error("not here"); }
+  int set_aside() override { throw std::logic_error("not here"); }
   std::vector<std::string> removed;
 };
 

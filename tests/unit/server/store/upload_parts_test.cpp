@@ -245,10 +245,10 @@ TEST_F(UploadPartsTest, AbandonedPartsExpireAndThoseInUseDoNot) {
     left->park();
   }
   clock.advance(24h - 1ms);
-  EXPECT_EQ(blobs->uploads().expire(24h).parts, 0);
+  EXPECT_EQ(blobs->expire_uploads(24h).count, 0);
   clock.advance(1ms);
-  const auto removed = blobs->uploads().expire(24h);
-  EXPECT_EQ(removed.parts, 1);
+  const auto removed = blobs->expire_uploads(24h);
+  EXPECT_EQ(removed.count, 1);
   EXPECT_EQ(removed.bytes, 20);
   EXPECT_EQ(committed("left"), 0);
   finish(*held, 0);
