@@ -40,6 +40,8 @@ bool Fsck::next_blob() {
 }
 
 void Fsck::check(std::int64_t& budget) {
+  // However little is left, each turn gets somewhere.
+  const std::int64_t share = std::max(budget, kBlobCost);
   budget -= kBlobCost;
   try {
     if (!reader_) reader_ = bytes_.open(row_.digest, row_.size);
@@ -50,7 +52,7 @@ void Fsck::check(std::int64_t& budget) {
   }
   const std::int64_t before = reader_->position();
   try {
-    const bool is_at_end = reader_->advance(reader_->size(), budget);
+    const bool is_at_end = reader_->advance(reader_->size(), share);
     budget -= reader_->position() - before;
     if (!is_at_end) return;
     reader_->read(1);  // an empty blob is checked by its first read

@@ -36,7 +36,8 @@ struct RpcSettings {
 class RpcServer {
  public:
   /// Listens at once. Throws std::runtime_error when it cannot, InvalidInput when a TLS file cannot be used.
-  RpcServer(const RpcSettings& settings, JobManager& jobs, BlobCatalog& blobs, StallWatch& stalls, const IdSource& ids);
+  RpcServer(const RpcSettings& settings, JobManager& jobs, BlobCatalog& blobs, Maintenance& maintenance,
+            StallWatch& stalls, const IdSource& ids);
   /// Ends all calls.
   ~RpcServer();
 
