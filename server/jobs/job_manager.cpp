@@ -14,7 +14,12 @@ constexpr auto kNewest = std::numeric_limits<std::int64_t>::max();
 constexpr auto kAll = std::numeric_limits<int>::max();
 
 Refusal draining() {
-  return {RefusalKind::Unavailable, "DRAINING", "the daemon is draining and takes no new jobs; try again later"};
+  return {RefusalKind::Unavailable, "DRAINING", "the daemon is shutting down and takes no new jobs; try again later"};
+}
+
+Refusal paused() {
+  return {RefusalKind::Unavailable, "DRAINING",
+          "an administrator has this daemon drained, so it takes no new jobs; try again later"};
 }
 
 Refusal lease_lost(const AttemptKey& key) {
@@ -130,7 +135,8 @@ void JobManager::recover() {
 }
 
 void JobManager::submit(const NewJob& job, Reply<JobView> reply) {
-  if (is_draining_ || is_paused_) throw draining();
+  if (is_draining_) throw draining();
+  if (is_paused_) throw paused();
   auto position = std::make_shared<int>(0);
   write_change(
       "",
