@@ -153,8 +153,22 @@ auto CoadjointTransport<Dim, T>::inverse_jacobian(std::size_t site) const -> Inv
 }
 
 template <int Dim, class T>
+AxisFlags<Dim> CoadjointTransport<Dim, T>::reached_axes(const AxisFlags<Dim>& start) const {
+  return evolution_ == Evolution::Exact && any_axis<Dim>(start) ? all_axes<Dim>() : start;
+}
+
+template <int Dim, class T>
+template <class Visit>
+void CoadjointTransport<Dim, T>::visit_slab_of(const BlockSet<Dim>* blocks, int slab, Visit&& visit) const {
+  if (blocks && !blocks->is_complete())
+    blocks->visit_slab(slab, visit);
+  else
+    visit_slab<Dim>(lattice_, slab, visit);
+}
+
+template <int Dim, class T>
 void CoadjointTransport<Dim, T>::push(const T* displacement, const T* zeroth, const T* first, T* zeroth_out,
-                                      T* first_out) {
+                                      T* first_out, const AxisBlocks<Dim>& blocks) {
   const std::size_t field = Dim * lattice_.sites();
   find_jacobians(displacement);
   std::fill(zeroth_out, zeroth_out + field, T(0));
@@ -169,14 +183,18 @@ void CoadjointTransport<Dim, T>::push(const T* displacement, const T* zeroth, co
         zeroth_out);
   }
   if (!has_first_) return;
-  std::fill(first_out, first_out + Dim * field, T(0));
+  const AxisFlags<Dim> start = axes_with_blocks<Dim>(blocks), reached = reached_axes(start);
   for (int axis = 0; axis < Dim; ++axis)
-    push_faces(axis, displacement, first + static_cast<std::size_t>(axis) * field, zeroth_out, first_out);
+    if (reached[axis]) std::fill_n(first_out + static_cast<std::size_t>(axis) * field, field, T(0));
+  for (int axis = 0; axis < Dim; ++axis)
+    if (start[axis])
+      push_faces(axis, blocks[axis], displacement, first + static_cast<std::size_t>(axis) * field, zeroth_out,
+                 first_out);
 }
 
 template <int Dim, class T>
-void CoadjointTransport<Dim, T>::push_faces(int axis, const T* displacement, const T* first, T* zeroth_out,
-                                            T* first_out) {
+void CoadjointTransport<Dim, T>::push_faces(int axis, const BlockSet<Dim>* blocks, const T* displacement,
+                                            const T* first, T* zeroth_out, T* first_out) {
   // Only active faces cost anything: they are listed in the order of their sites.
   const std::size_t field = Dim * lattice_.sites();
   struct Active {
@@ -187,7 +205,7 @@ void CoadjointTransport<Dim, T>::push_faces(int axis, const T* displacement, con
   std::vector<std::vector<Active>> by_slab(static_cast<std::size_t>(lattice_.size[Dim - 1]));
 #pragma omp parallel for schedule(static)
   for (int slab = 0; slab < lattice_.size[Dim - 1]; ++slab)
-    visit_slab<Dim>(lattice_, slab, [&](const Index<Dim>& index, std::size_t site) {
+    visit_slab_of(blocks, slab, [&](const Index<Dim>& index, std::size_t site) {
       if (is_zero<Dim, T>(first + Dim * site)) return;
       const Face face(*this, axis, index, site, displacement);
       const Column<Dim, T> n = face.G * load<Dim, T>(first + Dim * site);
@@ -221,16 +239,20 @@ void CoadjointTransport<Dim, T>::push_faces(int axis, const T* displacement, con
 template <int Dim, class T>
 void CoadjointTransport<Dim, T>::push_adjoint(const T* displacement, const T* zeroth, const T* first,
                                               const T* zeroth_out_dual, const T* first_out_dual, T* displacement_dual,
-                                              T* zeroth_dual, T* first_dual) {
+                                              T* zeroth_dual, T* first_dual, const AxisBlocks<Dim>& blocks) {
   const std::size_t field = Dim * lattice_.sites();
   find_jacobians(displacement);
   std::fill(jacobian_dual_.begin(), jacobian_dual_.end(), T(0));
   if (has_zeroth_) zeroth_adjoint(displacement, zeroth, zeroth_out_dual, displacement_dual, zeroth_dual);
-  if (has_first_)
+  if (has_first_) {
+    const AxisFlags<Dim> axes = axes_with_blocks<Dim>(blocks);
     for (int axis = 0; axis < Dim; ++axis) {
+      if (!axes[axis]) continue;
       const std::size_t at = static_cast<std::size_t>(axis) * field;
-      face_adjoint(axis, displacement, first + at, zeroth_out_dual, first_out_dual, displacement_dual, first_dual + at);
+      face_adjoint(axis, blocks[axis], displacement, first + at, zeroth_out_dual, first_out_dual, displacement_dual,
+                   first_dual + at);
     }
+  }
 
   if (evolution_ == Evolution::Carried) return;
   for_planes_apart<3>(lattice_.size[Dim - 1], [&](int slab) {
@@ -270,12 +292,13 @@ void CoadjointTransport<Dim, T>::zeroth_adjoint(const T* displacement, const T* 
 }
 
 template <int Dim, class T>
-void CoadjointTransport<Dim, T>::face_adjoint(int axis, const T* displacement, const T* first, const T* zeroth_out_dual,
-                                              const T* first_out_dual, T* displacement_dual, T* first_dual) {
+void CoadjointTransport<Dim, T>::face_adjoint(int axis, const BlockSet<Dim>* blocks, const T* displacement,
+                                              const T* first, const T* zeroth_out_dual, const T* first_out_dual,
+                                              T* displacement_dual, T* first_dual) {
   const std::size_t field = Dim * lattice_.sites();
   // A face touches its two sites and, through d_c F, their neighbours: four planes.
   for_planes_apart<4>(lattice_.size[Dim - 1], [&](int slab) {
-    visit_slab<Dim>(lattice_, slab, [&](const Index<Dim>& where, std::size_t site) {
+    visit_slab_of(blocks, slab, [&](const Index<Dim>& where, std::size_t site) {
       const Face face(*this, axis, where, site, displacement);
       const LinearCell<Dim, T> zeroth_cell(lattice_, face.on(-1));
       const bool exact = evolution_ == Evolution::Exact;

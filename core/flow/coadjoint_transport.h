@@ -3,6 +3,7 @@
 #include "core/flow/evolution.h"
 #include "core/flow/scatter_plan.h"
 #include "core/grid/lattice.h"
+#include "core/momenta/block_set.h"
 
 #include <Eigen/Core>
 
@@ -36,13 +37,20 @@ class CoadjointTransport {
   CoadjointTransport(const Lattice<Dim>& lattice, double unit, bool has_zeroth, bool has_first, Evolution evolution);
 
   /// Momenta at time t from those at 0 and the displacement d (mm, interleaved) of the sites since then.
-  /// zeroth_out is always written; first_out when there is a first order.
-  void push(const T* displacement, const T* zeroth, const T* first, T* zeroth_out, T* first_out);
+  /// zeroth_out is always written; first_out when there is a first order. Outside `blocks` (of the start) the first
+  /// orders must be 0 and are not read; fields of first_out that are not in reached_axes stay as they are.
+  void push(const T* displacement, const T* zeroth, const T* first, T* zeroth_out, T* first_out,
+            const AxisBlocks<Dim>& blocks = {});
+
+  /// Axes along which there are first orders later when there are some along those of `start` at the start.
+  AxisFlags<Dim> reached_axes(const AxisFlags<Dim>& start) const;
 
   /// Adjoint of push with the same arguments: given the duals of zeroth_out and first_out, adds to displacement_dual,
-  /// zeroth_dual and first_dual.
+  /// zeroth_dual and first_dual, to the last in `blocks` only (outside, first must be 0). Of first_out_dual the fields
+  /// in reached_axes are read.
   void push_adjoint(const T* displacement, const T* zeroth, const T* first, const T* zeroth_out_dual,
-                    const T* first_out_dual, T* displacement_dual, T* zeroth_dual, T* first_dual);
+                    const T* first_out_dual, T* displacement_dual, T* zeroth_dual, T* first_dual,
+                    const AxisBlocks<Dim>& blocks = {});
 
   /// sum += scale * F^-1 field(phi(x0)) at the sites: the order-0 part of push_adjoint, for another dual field. Uses
   /// the Jacobians of the last push or push_adjoint, which must have had the same displacement.
@@ -53,11 +61,15 @@ class CoadjointTransport {
   using Inverse = Eigen::Matrix<T, Dim, Dim, Eigen::RowMajor | Eigen::DontAlign>;
   Inverse inverse_jacobian(std::size_t site) const;
   void find_jacobians(const T* displacement);
-  void push_faces(int axis, const T* displacement, const T* first, T* zeroth_out, T* first_out);
+  /// visit(index, site) for the sites of a slab that are in `blocks` (null: all).
+  template <class Visit>
+  void visit_slab_of(const BlockSet<Dim>* blocks, int slab, Visit&& visit) const;
+  void push_faces(int axis, const BlockSet<Dim>* blocks, const T* displacement, const T* first, T* zeroth_out,
+                  T* first_out);
   void zeroth_adjoint(const T* displacement, const T* zeroth, const T* dual_field, T* displacement_dual,
                       T* zeroth_dual);
-  void face_adjoint(int axis, const T* displacement, const T* first, const T* zeroth_out_dual, const T* first_out_dual,
-                    T* displacement_dual, T* first_dual);
+  void face_adjoint(int axis, const BlockSet<Dim>* blocks, const T* displacement, const T* first,
+                    const T* zeroth_out_dual, const T* first_out_dual, T* displacement_dual, T* first_dual);
 
   Lattice<Dim> lattice_;
   T unit_;

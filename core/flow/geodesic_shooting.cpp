@@ -14,10 +14,14 @@ const T* pointer(const Field<T>& field) {
 }
 
 template <class T>
-void add_fields(const Field<T>& terms, T* sum) {
-  const std::size_t count = terms.size();
+void add_fields(std::size_t count, const T* terms, T* sum) {
 #pragma omp parallel for simd schedule(static)
   for (std::size_t i = 0; i < count; ++i) sum[i] += terms[i];
+}
+
+template <int Dim>
+AxisBlocks<Dim> blocks_of(const std::vector<AxisBlocks<Dim>>& blocks, std::size_t scale) {
+  return blocks.empty() ? AxisBlocks<Dim>{} : blocks[scale];
 }
 
 }  // namespace
@@ -48,23 +52,27 @@ GeodesicShooting<Dim, T>::GeodesicShooting(std::vector<MomentumScale<Dim, T>*> s
 }
 
 template <int Dim, class T>
-void GeodesicShooting<Dim, T>::add_velocity(ScaleState& state, const T* zeroth, const T* first, Field<T>& velocity) {
-  state.scale->synthesise(zeroth, first, state.velocity.data());
+void GeodesicShooting<Dim, T>::add_velocity(ScaleState& state, const T* zeroth, const T* first,
+                                            const AxisFlags<Dim>& axes, Field<T>& velocity) {
+  state.scale->synthesise(zeroth, first, state.velocity.data(), axes);
   state.prolongation->add_to(state.velocity.data(), velocity.data());
 }
 
 template <int Dim, class T>
-void GeodesicShooting<Dim, T>::transported(ScaleState& state, const MomentumPointers<T>& momenta, int node) {
+void GeodesicShooting<Dim, T>::transported(ScaleState& state, const MomentumPointers<T>& momenta,
+                                           const AxisBlocks<Dim>& blocks, int node) {
   state.transport->push(state.predicted[node].data(), momenta.zeroth, momenta.first, state.zeroth.data(),
-                        state.first.empty() ? nullptr : state.first.data());
+                        state.first.empty() ? nullptr : state.first.data(), blocks);
 }
 
 template <int Dim, class T>
-void GeodesicShooting<Dim, T>::shoot(const std::vector<MomentumPointers<T>>& momenta) {
+void GeodesicShooting<Dim, T>::shoot(const std::vector<MomentumPointers<T>>& momenta,
+                                     const std::vector<AxisBlocks<Dim>>& blocks) {
   const T dt = T(1) / static_cast<T>(time_steps_);
   for (Field<T>& velocity : velocities_) std::fill(velocity.begin(), velocity.end(), T(0));
   for (std::size_t s = 0; s < states_.size(); ++s)
-    add_velocity(states_[s], momenta[s].zeroth, momenta[s].first, velocities_[0]);
+    add_velocity(states_[s], momenta[s].zeroth, momenta[s].first, axes_with_blocks<Dim>(blocks_of<Dim>(blocks, s)),
+                 velocities_[0]);
 
   for (int k = 0; k < time_steps_; ++k) {
     for (ScaleState& state : states_)
@@ -73,8 +81,10 @@ void GeodesicShooting<Dim, T>::shoot(const std::vector<MomentumPointers<T>>& mom
     for (std::size_t s = 0; s < states_.size(); ++s) {
       if (poll_) poll_();
       ScaleState& state = states_[s];
-      transported(state, momenta[s], k + 1);
-      add_velocity(state, state.zeroth.data(), pointer(state.first), velocities_[k + 1]);
+      const AxisBlocks<Dim> start = blocks_of<Dim>(blocks, s);
+      transported(state, momenta[s], start, k + 1);
+      add_velocity(state, state.zeroth.data(), pointer(state.first),
+                   state.transport->reached_axes(axes_with_blocks<Dim>(start)), velocities_[k + 1]);
     }
     if (k + 1 == time_steps_) break;
     for (ScaleState& state : states_) {
@@ -94,7 +104,7 @@ std::vector<double> GeodesicShooting<Dim, T>::hamiltonians(const std::vector<Mom
     ScaleState& state = states_[s];
     energies[0] += state.scale->total_energy(momenta[s].zeroth, momenta[s].first);
     for (int k = 1; k <= time_steps_; ++k) {
-      transported(state, momenta[s], k);
+      transported(state, momenta[s], {}, k);
       energies[k] += state.scale->total_energy(state.zeroth.data(), pointer(state.first));
     }
   }
@@ -105,7 +115,8 @@ template <int Dim, class T>
 void GeodesicShooting<Dim, T>::adjoint(const std::vector<MomentumPointers<T>>& momenta,
                                        std::vector<Field<T>>& velocity_duals,
                                        const std::vector<MomentumTargets<T>>& gradient,
-                                       const std::vector<MomentumTargets<T>>& preconditioned) {
+                                       const std::vector<MomentumTargets<T>>& preconditioned,
+                                       const std::vector<AxisBlocks<Dim>>& blocks) {
   const T dt = T(1) / static_cast<T>(time_steps_);
   std::vector<Field<T>> position_dual(states_.size()), predicted_dual(states_.size());
   for (std::size_t s = 0; s < states_.size(); ++s) {
@@ -134,11 +145,16 @@ void GeodesicShooting<Dim, T>::adjoint(const std::vector<MomentumPointers<T>>& m
       zeroth_dual.resize(state.scale->field_size());
       first_dual.resize(first_order ? Dim * state.scale->field_size() : 0);
       state.prolongation->transpose(velocity_duals[k].data(), restricted.data());
+      const AxisBlocks<Dim> start = blocks_of<Dim>(blocks, s);
+      const AxisFlags<Dim> axes = axes_with_blocks<Dim>(start);
       state.scale->synthesise_transpose(restricted.data(), zeroth_dual.data(),
-                                        first_order ? first_dual.data() : nullptr);
+                                        first_order ? first_dual.data() : nullptr,
+                                        k == 0 ? axes : state.transport->reached_axes(axes));
       if (k == 0) {
-        if (gradient[s].zeroth) add_fields(zeroth_dual, gradient[s].zeroth);
-        if (first_order) add_fields(first_dual, gradient[s].first);
+        const std::size_t field = state.scale->field_size();
+        if (gradient[s].zeroth) add_fields(field, zeroth_dual.data(), gradient[s].zeroth);
+        for (std::size_t axis = 0; first_order && axis < Dim; ++axis)
+          if (axes[axis]) add_fields(field, first_dual.data() + axis * field, gradient[s].first + axis * field);
         if (T* sum = preconditioned[s].zeroth) {
           const std::size_t count = restricted.size();
 #pragma omp parallel for simd schedule(static)
@@ -148,7 +164,7 @@ void GeodesicShooting<Dim, T>::adjoint(const std::vector<MomentumPointers<T>>& m
       }
       state.transport->push_adjoint(state.predicted[k].data(), momenta[s].zeroth, momenta[s].first, zeroth_dual.data(),
                                     first_order ? first_dual.data() : nullptr, predicted_dual[s].data(),
-                                    gradient[s].zeroth, gradient[s].first);
+                                    gradient[s].zeroth, gradient[s].first, start);
       if (preconditioned[s].zeroth)
         state.transport->pull_back(state.predicted[k].data(), restricted.data(), static_cast<T>(per_volume),
                                    preconditioned[s].zeroth);

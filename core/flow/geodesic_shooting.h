@@ -42,8 +42,9 @@ class GeodesicShooting {
   int time_steps() const { return time_steps_; }
   const Lattice<Dim>& velocity_lattice() const { return lattice_; }
 
-  /// Fills the velocities of all nodes.
-  void shoot(const std::vector<MomentumPointers<T>>& momenta);
+  /// Fills the velocities of all nodes. `blocks`, by scale (empty: all sites of all): outside them the first orders
+  /// must be 0, and cost nothing.
+  void shoot(const std::vector<MomentumPointers<T>>& momenta, const std::vector<AxisBlocks<Dim>>& blocks = {});
 
   /// v(t_k), k = 0..time_steps, interleaved, mm per unit time.
   const std::vector<Field<T>>& velocities() const { return velocities_; }
@@ -54,9 +55,11 @@ class GeodesicShooting {
 
   /// Adjoint of the last shoot. `velocity_duals` (dE/dv(t_k), modified) -> adds dE/dm to `gradient`; and adds to
   /// `preconditioned` (order 0 only) the same force without the outer kernel and cell volume: the V-gradient, with
-  /// gradient = a_0 V K * preconditioned up to discretisation.
+  /// gradient = a_0 V K * preconditioned up to discretisation. `blocks` as for shoot: the gradient of first orders is
+  /// complete inside them only.
   void adjoint(const std::vector<MomentumPointers<T>>& momenta, std::vector<Field<T>>& velocity_duals,
-               const std::vector<MomentumTargets<T>>& gradient, const std::vector<MomentumTargets<T>>& preconditioned);
+               const std::vector<MomentumTargets<T>>& gradient, const std::vector<MomentumTargets<T>>& preconditioned,
+               const std::vector<AxisBlocks<Dim>>& blocks = {});
 
  private:
   struct ScaleState {
@@ -67,8 +70,8 @@ class GeodesicShooting {
     std::vector<Field<T>> predicted;   ///< at node k = 1..N; [0] empty
     Field<T> zeroth, first, velocity;  ///< transported momenta and their velocity on the scale's lattice
   };
-  void add_velocity(ScaleState& state, const T* zeroth, const T* first, Field<T>& velocity);
-  void transported(ScaleState& state, const MomentumPointers<T>& momenta, int node);
+  void add_velocity(ScaleState& state, const T* zeroth, const T* first, const AxisFlags<Dim>& axes, Field<T>& velocity);
+  void transported(ScaleState& state, const MomentumPointers<T>& momenta, const AxisBlocks<Dim>& blocks, int node);
 
   Lattice<Dim> lattice_;
   int time_steps_;

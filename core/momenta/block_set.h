@@ -2,6 +2,8 @@
 
 #include "core/grid/lattice.h"
 
+#include <algorithm>
+#include <array>
 #include <cstdint>
 #include <vector>
 
@@ -42,6 +44,23 @@ class BlockSet {
   template <class T>
   void mark_nonzero(int channels, const T* compact, std::vector<char>& found) const;
 
+  /// Calls visit(index, site) for the sites of active blocks in one slab of the last axis, in their order.
+  template <class Visit>
+  void visit_slab(int slab, Visit&& visit) const {
+    const std::size_t plane = all_sites_ / static_cast<std::size_t>(size_[Dim - 1]), begin = plane * slab;
+    const auto before = [](const Run& run, std::size_t site) { return run.site < site; };
+    for (auto run = std::lower_bound(runs_.begin(), runs_.end(), begin, before);
+         run != runs_.end() && run->site < begin + plane; ++run) {
+      Index<Dim> index;
+      std::size_t rest = run->site;
+      for (int axis = 0; axis < Dim; ++axis) {
+        index[axis] = static_cast<int>(rest % static_cast<std::size_t>(size_[axis]));
+        rest /= static_cast<std::size_t>(size_[axis]);
+      }
+      for (std::size_t site = run->site; site < run->site + run->count; ++site, ++index[0]) visit(index, site);
+    }
+  }
+
   /// Whether condition(site) holds for some site of the block.
   template <class Condition>
   bool any_site(std::size_t block, Condition&& condition) const {
@@ -78,5 +97,32 @@ class BlockSet {
   std::vector<std::uint32_t> active_;
   std::vector<Run> runs_;
 };
+
+/// The blocks of each first-order field m_i that count, by axis i; null: the whole field.
+template <int Dim>
+using AxisBlocks = std::array<const BlockSet<Dim>*, Dim>;
+/// Which first-order fields count, by axis.
+template <int Dim>
+using AxisFlags = std::array<bool, Dim>;
+
+template <int Dim>
+AxisFlags<Dim> all_axes() {
+  AxisFlags<Dim> flags;
+  flags.fill(true);
+  return flags;
+}
+
+/// The fields of which anything counts.
+template <int Dim>
+AxisFlags<Dim> axes_with_blocks(const AxisBlocks<Dim>& blocks) {
+  AxisFlags<Dim> flags;
+  for (int axis = 0; axis < Dim; ++axis) flags[axis] = !blocks[axis] || blocks[axis]->sites() > 0;
+  return flags;
+}
+
+template <int Dim>
+bool any_axis(const AxisFlags<Dim>& flags) {
+  return std::any_of(flags.begin(), flags.end(), [](bool flag) { return flag; });
+}
 
 }  // namespace saltus

@@ -53,7 +53,7 @@ const T* MomentumScale<Dim, T>::smooth_axes_above(const Component& rows, int axi
 }
 
 template <int Dim, class T>
-void MomentumScale<Dim, T>::synthesise(const T* zeroth, const T* first, T* velocity) {
+void MomentumScale<Dim, T>::synthesise(const T* zeroth, const T* first, T* velocity, const AxisFlags<Dim>& axes) {
   for (std::size_t q = 0; q < components_.size(); ++q) {
     const Component& rows = components_[q];
     // One sweep over the axes, last to first: Z <- K_a Z + D_a (product of K_b, b > a) m_a. Z alternates between
@@ -64,7 +64,7 @@ void MomentumScale<Dim, T>::synthesise(const T* zeroth, const T* first, T* veloc
       Combine combine = axis == 0 && q > 0 ? Combine::Add : Combine::Replace;
       if (sum) convolve_axis<Dim, T>(lattice(), Dim, axis, rows[axis].value, combine, sum, out);
       if (sum) combine = Combine::Add;
-      if (first) {
+      if (first && axes[axis]) {
         const T* smoothed = smooth_axes_above(rows, axis, first + static_cast<std::size_t>(axis) * field_size());
         convolve_axis<Dim, T>(lattice(), Dim, axis, rows[axis].slope, combine, smoothed, out);
       } else if (combine == Combine::Replace) {
@@ -80,7 +80,7 @@ void MomentumScale<Dim, T>::synthesise(const T* zeroth, const T* first, T* veloc
 }
 
 template <int Dim, class T>
-void MomentumScale<Dim, T>::synthesise_transpose(const T* velocity, T* zeroth, T* first) {
+void MomentumScale<Dim, T>::synthesise_transpose(const T* velocity, T* zeroth, T* first, const AxisFlags<Dim>& axes) {
   const T weight = static_cast<T>(channel_weight_);
   const std::size_t count = field_size();
   for (std::size_t q = 0; q < components_.size(); ++q) {
@@ -94,7 +94,7 @@ void MomentumScale<Dim, T>::synthesise_transpose(const T* velocity, T* zeroth, T
     for (std::size_t i = 0; i < count; ++i) scaled[i] = weight * velocity[i];
     const T* sum = scaled;
     for (int axis = 0; axis < Dim; ++axis) {
-      if (first) {
+      if (first && axes[axis]) {
         T* out = first + static_cast<std::size_t>(axis) * field_size();
         const bool is_last = axis == Dim - 1;
         T* slope = is_last ? out : scratch_[1].data();
@@ -116,7 +116,8 @@ void MomentumScale<Dim, T>::synthesise_transpose(const T* velocity, T* zeroth, T
 }
 
 template <int Dim, class T>
-double MomentumScale<Dim, T>::penalty(const T* zeroth, const T* first, T* zeroth_gradient, T* first_gradient) {
+double MomentumScale<Dim, T>::penalty(const T* zeroth, const T* first, T* zeroth_gradient, T* first_gradient,
+                                      const AxisFlags<Dim>& axes) {
   const double volume = lattice().cell_volume();
   double energy = 0;
   const auto add = [&](const T* momentum, int curved_axis, double weight, T* gradient) {
@@ -139,6 +140,7 @@ double MomentumScale<Dim, T>::penalty(const T* zeroth, const T* first, T* zeroth
   if (zeroth) add(zeroth, -1, options_.zeroth_weight, zeroth_gradient);
   if (first)
     for (int axis = 0; axis < Dim; ++axis) {
+      if (!axes[axis]) continue;
       const std::size_t at = static_cast<std::size_t>(axis) * field_size();
       add(first + at, axis, options_.first_weight, first_gradient + at);
     }

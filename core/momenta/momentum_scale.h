@@ -3,6 +3,7 @@
 #include "core/grid/lattice.h"
 #include "core/kernels/axis_taps.h"
 #include "core/kernels/kernel_sum.h"
+#include "core/momenta/block_set.h"
 
 #include <vector>
 
@@ -54,15 +55,18 @@ class MomentumScale {
   /// a_0 (a_1 where there is no order 0): the factor of the order-0 channel.
   double channel_weight() const { return channel_weight_; }
 
-  /// velocity = (from order 0) + (from order 1). `first` holds Dim fields one after the other, or is null.
-  /// 3 passes in 3-D for order 0 alone, 9 with order 1.
-  void synthesise(const T* zeroth, const T* first, T* velocity);
-  /// Exact transpose of synthesise. `first` may be null when it is not wanted.
-  void synthesise_transpose(const T* velocity, T* zeroth, T* first);
+  /// velocity = (from order 0) + (from order 1). `first` holds Dim fields one after the other, or is null; those not in
+  /// `axes` count as 0 and are not read. 3 passes in 3-D for order 0 alone, 9 with order 1.
+  void synthesise(const T* zeroth, const T* first, T* velocity, const AxisFlags<Dim>& axes = all_axes<Dim>());
+  /// Exact transpose of synthesise. `first` may be null when it is not wanted; its fields not in `axes` stay as they
+  /// are.
+  void synthesise_transpose(const T* velocity, T* zeroth, T* first, const AxisFlags<Dim>& axes = all_axes<Dim>());
 
   /// weights * gram: a_0 V K m_0 and a_1 V (-sigma^2 D^i D^i K) m_i with V the cell volume, the gradient of the penalty
-  /// 1/2 sum_i ||v_i||^2. Returns that penalty.
-  double penalty(const T* zeroth, const T* first, T* zeroth_gradient, T* first_gradient);
+  /// 1/2 sum_i ||v_i||^2. Returns that penalty. First orders not in `axes` count as 0; their gradients stay as they
+  /// are.
+  double penalty(const T* zeroth, const T* first, T* zeroth_gradient, T* first_gradient,
+                 const AxisFlags<Dim>& axes = all_axes<Dim>());
 
   /// 1/2 (rho | K rho) for the total element rho = m_0 + unit sum_b d_b m_b, cross terms between the orders included.
   double total_energy(const T* zeroth, const T* first);

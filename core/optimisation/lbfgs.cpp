@@ -10,6 +10,10 @@
 namespace saltus {
 namespace {
 
+/// Iterations from one look at what is outside the working set to the next: few enough that what is missing joins
+/// soon, and a look that costs as much again as an evaluation does not show.
+constexpr int kLookEvery = 5;
+
 template <class T>
 double dot(const std::vector<T>& a, const std::vector<T>& b) {
   return ordered_sum(a.size(), [&](std::size_t i) { return static_cast<double>(a[i]) * static_cast<double>(b[i]); });
@@ -164,7 +168,11 @@ MinimiseSummary minimise(Objective<T>& objective, const MinimiseOptions& options
     return summary;
   };
 
+  // Depends on the state alone, so that a run that is taken up again looks when it would have.
+  const auto looks = [&](int iteration) { return !objective.has_more() || iteration % kLookEvery == 0; };
+
   if (!state.has_begun()) {
+    objective.look_everywhere(true);
     state.gradient.resize(objective.size());
     state.preconditioned.resize(objective.size());
     double sparse_at_start = 0;
@@ -175,6 +183,17 @@ MinimiseSummary minimise(Objective<T>& objective, const MinimiseOptions& options
     objective.revise(state);
   }
   fit();
+
+  // Before a run ends where it has not looked: whether something that was outside the working set wants to take part.
+  const auto joins_here = [&](int iteration) {
+    if (looks(iteration)) return false;
+    objective.look_everywhere(true);
+    double sparse_here = 0;
+    total(state.x, next_gradient, next_preconditioned, sparse_here);
+    if (!objective.revise(state)) return false;
+    fit();
+    return true;
+  };
 
   bool is_told = true;  // whether `accepted` knows of the last step
   double sparse = 0, step = 0;
@@ -191,13 +210,17 @@ MinimiseSummary minimise(Objective<T>& objective, const MinimiseOptions& options
     if (!is_told && !accepted({done, energy, sparse, step, summary.optimality}))
       return ended(MinimiseTermination::Stopped);
     is_told = true;
-    if (optimality <= options.optimality_tolerance * reference) return ended(MinimiseTermination::Converged);
-    if (done >= 5) {
+    if (optimality <= options.optimality_tolerance * reference) {
+      if (joins_here(done)) continue;
+      return ended(MinimiseTermination::Converged);
+    }
+    if (done >= 5 && looks(done)) {
       const double recent = state.energies[done - 5] - energy, whole = state.energies[0] - energy;
       if (recent <= options.tolerance * whole) return ended(MinimiseTermination::Settled);
     }
     if (done >= options.max_iterations) return ended(MinimiseTermination::IterationLimit);
 
+    objective.look_everywhere(looks(done + 1));
     bool found = false, has_forgotten = false;
     double next_energy = 0, next_sparse = 0;
     for (int attempt = 0; attempt < 2 && !found; ++attempt) {
@@ -232,7 +255,10 @@ MinimiseSummary minimise(Objective<T>& objective, const MinimiseOptions& options
         step *= factor;
       }
     }
-    if (!found) return ended(MinimiseTermination::LineSearchFailed);
+    if (!found) {
+      if (joins_here(done)) continue;
+      return ended(MinimiseTermination::LineSearchFailed);
+    }
 
     CurvaturePair<T> pair{candidate, next_gradient, next_preconditioned, 0};
     add_scaled(-1, state.x, pair.s);

@@ -43,8 +43,15 @@ class Objective {
     return none;
   }
 
-  /// For objectives whose unknowns are a working set. Called at the start and after each accepted step, when the last
-  /// evaluation was at state.x: may add unknowns at 0, and may drop groups that are 0 in x and in every s of the pairs,
+  /// For objectives whose unknowns are a working set: whether there is anything outside it.
+  virtual bool has_more() const { return false; }
+
+  /// Whether the next evaluations have to find the gradient of what is outside the working set too. As long as this was
+  /// never called, they do.
+  virtual void look_everywhere(bool /*everywhere*/) {}
+
+  /// Called at the start and after each accepted step, when the last evaluation was at state.x: may add unknowns at 0
+  /// (when that evaluation looked everywhere), and may drop groups that are 0 in x and in every s of the pairs,
   /// from all vectors of the state alike. What is added has its own gradient, and 0 in the pairs. size() and sparsity()
   /// follow, and energies stay what they are. Returns whether anything has changed.
   virtual bool revise(MinimiserState<T>& /*state*/) { return false; }

@@ -107,6 +107,21 @@ bool MatchingObjective<Dim, T>::has_all_blocks(const FirstOrder& first) const {
   return true;
 }
 
+template <int Dim, class T>
+bool MatchingObjective<Dim, T>::has_more() const {
+  return !std::all_of(first_.begin(), first_.end(), [&](const FirstOrder& first) { return has_all_blocks(first); });
+}
+
+/// The active blocks by scale and axis; m_w along a direction is spread to all axes of its sites.
+template <int Dim, class T>
+std::vector<AxisBlocks<Dim>> MatchingObjective<Dim, T>::axis_blocks() const {
+  std::vector<AxisBlocks<Dim>> all(scales_.size());
+  for (std::size_t s = 0; s < scales_.size(); ++s)
+    for (int axis = 0; axis < Dim && first_[s].fields > 0; ++axis)
+      all[s][axis] = &blocks_[first_[s].range + (first_[s].along ? 0 : axis)];
+  return all;
+}
+
 /// The order-1 fields of a scale at all sites, as they are in x: with all blocks active they lie there so.
 template <int Dim, class T>
 const T* MatchingObjective<Dim, T>::all_sites(std::size_t scale, const std::vector<T>& x) const {
@@ -204,9 +219,11 @@ bool MatchingObjective<Dim, T>::revise(MinimiserState<T>& state) {
       const T* gradient = gradient_at_all_sites(s, state.gradient) + field * scales_[s]->field_size();
       const std::vector<float>& factors = factors_[r];
       const std::size_t count = needed.size();
+      std::vector<char> is_active(count, 0);
+      for (std::uint32_t block : blocks.active()) is_active[block] = 1;
 #pragma omp parallel for schedule(static)
       for (std::size_t block = 0; block < count; ++block)
-        if (!needed[block])
+        if (!needed[block] && (looks_everywhere_ || is_active[block]))
           needed[block] = blocks.any_site(block, [&](std::size_t site) {
             double square = 0;
             for (int k = 0; k < Dim; ++k) {
@@ -355,13 +372,15 @@ Evaluation MatchingObjective<Dim, T>::evaluate(const std::vector<T>& x, std::vec
 
   // The penalty's gradient is a V K m, so its preconditioned form is m itself.
   parts_ = {};
+  const std::vector<AxisBlocks<Dim>> active = axis_blocks();
+  const std::vector<AxisBlocks<Dim>> wanted = looks_everywhere_ ? std::vector<AxisBlocks<Dim>>(active.size()) : active;
   for (std::size_t s = 0; s < scales_.size(); ++s) {
-    parts_.regularisation +=
-        scales_[s]->penalty(momenta[s].zeroth, momenta[s].first, gradients[s].zeroth, gradients[s].first);
+    parts_.regularisation += scales_[s]->penalty(momenta[s].zeroth, momenta[s].first, gradients[s].zeroth,
+                                                 gradients[s].first, axes_with_blocks<Dim>(wanted[s]));
     if (momenta[s].zeroth) std::copy_n(momenta[s].zeroth, scales_[s]->field_size(), scaled[s].zeroth);
   }
 
-  shooting_.shoot(momenta);
+  shooting_.shoot(momenta, active);
   const Field<T>& displacement = map_.follow(shooting_.velocities());
   const bool moving_weights = !level_.moving_weights.samples.empty();
   warp_level<Dim, T>(level_, displacement, warped_, weights_);
@@ -391,7 +410,7 @@ Evaluation MatchingObjective<Dim, T>::evaluate(const std::vector<T>& x, std::vec
                                          level_.divergence_weight * share, velocity_duals_[k].data());
     }
   map_.adjoint(shooting_.velocities(), displacement_dual_, velocity_duals_);
-  shooting_.adjoint(momenta, velocity_duals_, gradients, scaled);
+  shooting_.adjoint(momenta, velocity_duals_, gradients, scaled, wanted);
   finish_gradient(gradient, preconditioned);
   const double energy = parts_.similarity + parts_.regularisation;
   return {energy, std::isfinite(energy)};

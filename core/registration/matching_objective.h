@@ -44,10 +44,10 @@ void warp_level(const MatchingLevel<Dim, T>& level, const Field<T>& displacement
 /// where the scale has directions), as far as a scale has them; of each order-1 field only what lies in its active
 /// blocks, in the compact order of block_set.h. All other momenta are 0.
 ///
-/// With sparsity, `revise` keeps the blocks to what can be other than 0: a block joins as soon as one of its groups has
-/// a gradient above its weight (the optimality condition of a group at 0), so that a minimum over the active blocks is
-/// one over all; blocks that are 0 and want to stay so leave when they are a quarter of the active ones. Without
-/// sparsity all blocks are active.
+/// With sparsity, `revise` keeps the blocks to what can be other than 0: a block joins as soon as one of its groups is
+/// seen with a gradient above its weight (the optimality condition of a group at 0), so that a minimum over the active
+/// blocks is one over all; blocks that are 0 and want to stay so leave when they are a quarter of the active ones.
+/// Without sparsity all blocks are active.
 template <int Dim, class T>
 class MatchingObjective final : public Objective<T> {
  public:
@@ -59,6 +59,8 @@ class MatchingObjective final : public Objective<T> {
   Evaluation evaluate(const std::vector<T>& x, std::vector<T>& gradient, std::vector<T>& preconditioned) override;
   double first_step(const std::vector<T>& direction) override;
   const std::vector<GroupSparsity>& sparsity() const override { return sparsity_; }
+  bool has_more() const override;
+  void look_everywhere(bool everywhere) override { looks_everywhere_ = everywhere; }
   bool revise(MinimiserState<T>& state) override;
 
   /// Numbers of the active blocks of each order-1 field, in x's order.
@@ -104,6 +106,7 @@ class MatchingObjective final : public Objective<T> {
   void lay_out();
   void gather_factors();
   bool has_all_blocks(const FirstOrder& first) const;
+  std::vector<AxisBlocks<Dim>> axis_blocks() const;
   const T* all_sites(std::size_t scale, const std::vector<T>& x) const;
   T* gradient_at_all_sites(std::size_t scale, std::vector<T>& gradient);
   std::vector<MomentumTargets<T>> targets(std::vector<T>& gradient, bool with_first);
@@ -123,6 +126,7 @@ class MatchingObjective final : public Objective<T> {
   std::size_t size_ = 0;
   EnergyParts parts_;
   bool shear_only_ = false;
+  bool looks_everywhere_ = true;
   std::function<void(double)> on_work_;
   int polls_ = 0;
   std::vector<T> warped_, weights_, image_dual_, weight_dual_;

@@ -246,6 +246,53 @@ TEST(GeodesicShooting, HasAnExactAdjoint) {
   }
 }
 
+// Oracle: the same shooting without blocks. One axis has a few blocks, one all of them or none.
+TEST(GeodesicShooting, NeedsOnlyTheBlocksThatAreNotZero) {
+  const Lattice<2> lattice = {{22, 18}, {1, 1.2}, {}};
+  const BlockSet<2> some(lattice, {2, 7, 8, 20}), none = BlockSet<2>::none(lattice);
+  for (Evolution evolution : {Evolution::Exact, Evolution::PerOrder, Evolution::Carried})
+    for (const AxisBlocks<2>& blocks :
+         {AxisBlocks<2>{&some, &none}, AxisBlocks<2>{nullptr, &some}, AxisBlocks<2>{&none, &none}}) {
+      MomentumScale<2, double> scale({make_wendland_profile(4), lattice, Orders::ZerothAndFirst, 1.0, 0.5});
+      constexpr int steps = 3;
+      GeodesicShooting<2, double> shooting({&scale}, lattice, steps, evolution);
+      const std::size_t field = scale.field_size();
+      const std::vector<double> zeroth = random_values(field, 1, 0.1);
+      std::vector<double> first = random_values(2 * field, 2, 0.1);
+      std::vector<char> is_inside(2 * field, 0);
+      for (int axis = 0; axis < 2; ++axis) {
+        const BlockSet<2> within = blocks[axis] ? *blocks[axis] : BlockSet<2>::all(lattice);
+        for (int slab = 0; slab < lattice.size[1]; ++slab)
+          within.visit_slab(slab, [&](const Index<2>& index, std::size_t site) {
+            EXPECT_EQ(site, static_cast<std::size_t>(index[1] * lattice.size[0] + index[0]));
+            EXPECT_EQ(index[1], slab);
+            is_inside[axis * field + 2 * site] = is_inside[axis * field + 2 * site + 1] = 1;
+          });
+      }
+      for (std::size_t i = 0; i < first.size(); ++i) first[i] *= is_inside[i];
+
+      const auto run = [&](const std::vector<AxisBlocks<2>>& within, std::vector<double>& gradient) {
+        shooting.shoot({{zeroth.data(), first.data()}}, within);
+        std::vector<Field<double>> velocities = shooting.velocities(), duals;
+        for (int k = 0; k <= steps; ++k) duals.push_back(random_values(field, 10 + k));
+        gradient.assign(3 * field, 0.0);
+        std::vector<double> preconditioned(field, 0.0);
+        shooting.adjoint({{zeroth.data(), first.data()}}, duals, {{gradient.data(), gradient.data() + field}},
+                         {{preconditioned.data(), nullptr}}, within);
+        return velocities;
+      };
+      std::vector<double> everywhere, inside;
+      const auto expected = run({}, everywhere), found = run({blocks}, inside);
+      for (int k = 0; k <= steps; ++k)
+        for (std::size_t i = 0; i < field; ++i) ASSERT_NEAR(found[k][i], expected[k][i], 1e-14) << k << " " << i;
+      for (std::size_t i = 0; i < field; ++i) ASSERT_NEAR(inside[i], everywhere[i], 1e-12) << i;
+      for (std::size_t i = 0; i < 2 * field; ++i) {
+        if (!is_inside[i]) continue;
+        ASSERT_NEAR(inside[field + i], everywhere[field + i], 1e-12) << i;
+      }
+    }
+}
+
 TEST(GeodesicShooting, OfNoMomentumStandsStill) {
   MomentumScale<2, double> scale({make_wendland_profile(4), square(9), Orders::ZerothAndFirst, 1.0, 1.0});
   const std::vector<double> m(scale.field_size(), 0.0), first(2 * scale.field_size(), 0.0);

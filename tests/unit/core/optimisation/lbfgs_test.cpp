@@ -232,6 +232,58 @@ TEST(Minimise, SaysHowItEnded) {
   EXPECT_EQ(none.energy_after, none.energy_before);
 }
 
+/// 1/2 (x - 1)^2 + 1/2 (y - x)^2, where y is left at 0 until a look shows that its gradient is above 0.3.
+class Chain final : public Objective<double> {
+ public:
+  std::size_t size() const override { return has_second_ ? 2 : 1; }
+  bool has_more() const override { return !has_second_; }
+  void look_everywhere(bool everywhere) override { looks_ = everywhere; }
+  Evaluation evaluate(const std::vector<double>& at, std::vector<double>& gradient,
+                      std::vector<double>& preconditioned) override {
+    const double x = at[0], y = has_second_ ? at[1] : 0;
+    gradient[0] = (x - 1) + (x - y);
+    if (has_second_) gradient[1] = y - x;
+    seen_ = looks_ ? y - x : 0;
+    if (looks_ && !has_second_) ++looks_taken;
+    preconditioned = gradient;
+    ++evaluations;
+    return {0.5 * (x - 1) * (x - 1) + 0.5 * (y - x) * (y - x), true};
+  }
+  double first_step(const std::vector<double>&) override { return 1e-3; }
+  bool revise(MinimiserState<double>& state) override {
+    if (has_second_ || std::abs(seen_) <= 0.3) return false;
+    has_second_ = true;
+    state.x.push_back(0);
+    state.gradient.push_back(seen_);
+    state.preconditioned.push_back(seen_);
+    for (CurvaturePair<double>& pair : state.pairs)
+      for (std::vector<double>* values : {&pair.s, &pair.y, &pair.y_preconditioned}) values->push_back(0);
+    return true;
+  }
+
+  int looks_taken = 0, evaluations = 0;
+
+ private:
+  bool has_second_ = false, looks_ = true;
+  double seen_ = 0;
+};
+
+// Oracle: the minimum of the chain. With x alone the energy is least at 1/2, where nothing is left to do without a
+// look.
+TEST(Minimise, EndsOnlyWhereItHasLookedOutsideTheWorkingSet) {
+  Chain chain;
+  std::vector<double> x = {0};
+  MinimiseOptions how;
+  how.optimality_tolerance = 1e-9;
+  how.tolerance = 0;
+  const MinimiseSummary summary = minimise<double>(chain, how, x, [](const MinimiseStep&) { return true; });
+  EXPECT_EQ(summary.termination, MinimiseTermination::Converged);
+  ASSERT_EQ(x.size(), 2u);
+  EXPECT_NEAR(x[0], 1, 1e-7);
+  EXPECT_NEAR(x[1], 1, 1e-7);
+  EXPECT_LT(chain.looks_taken, chain.evaluations / 2);
+}
+
 TEST(Minimise, RefusesAStartWithoutAFiniteEnergy) {
   for (double start : {std::nan(""), std::numeric_limits<double>::infinity()}) {
     Function<double> objective(1, [start](const std::vector<double>&, std::vector<double>& gradient) {
