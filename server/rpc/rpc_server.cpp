@@ -66,6 +66,11 @@ RpcServer::RpcServer(const RpcSettings& settings, JobManager& jobs, BlobCatalog&
   const bool is_deaf = std::find(protected_ports_.begin(), protected_ports_.end(), 0) != protected_ports_.end();
   if (!server_ || is_deaf)
     throw std::runtime_error("cannot listen on " + addresses + "; see that the address is free and may be used");
+  // gRPC answers for the whole by itself; a single service it does not know until it is told.
+  for (const char* service : {v1::RegistrationService::service_full_name(), v1::BlobService::service_full_name(),
+                              v1::ServerInfoService::service_full_name(), v1::WorkerService::service_full_name(),
+                              v1::AdminService::service_full_name()})
+    server_->GetHealthCheckService()->SetServingStatus(service, true);
 }
 
 RpcServer::~RpcServer() { stop(std::chrono::milliseconds(0)); }

@@ -92,6 +92,8 @@ allow(server/rpc ONLY ${standard} ${rpc} "<spdlog" "<openssl/" "<sys/" "\"server
 forbid(server/worker INCLUDES ${images} "<sqlite3" "\"server/(rpc|store)/" "\"client/cli/")
 forbid(server/worker/report INCLUDES ${rpc} "<spdlog" "\"core/image_io/" "\"server/jobs/")
 forbid(server INCLUDES ${images})
+# Files from strangers are decoded in the worker, which dies alone.
+forbid(server EXCEPT server/worker INCLUDES "\"core/image_io/")
 forbid(server EXCEPT server/worker INCLUDES "\"client/")
 
 # Clients speak the protocol; the library carries no numerics, the command line nothing of the server.

@@ -30,6 +30,8 @@ set(forbidden
   "server/worker|\"client/cli/connection.h\""
   "server/worker/report|<grpcpp/grpcpp.h>"
   "server|<itkImage.h>"
+  "server|\"core/image_io/read_image.h\""
+  "server/store|\"core/image_io/read_image.h\""
   "client/lib|\"core/grid/volume.h\""
   "client/lib|\"server/jobs/job.h\""
   "client/cli|\"server/rpc/convert.h\"")

@@ -5,6 +5,7 @@
 #include <cstdint>
 #include <cstring>
 #include <fstream>
+#include <limits>
 #include <sstream>
 
 #include "core/image_io/read_image.h"
@@ -255,6 +256,25 @@ TEST(RefusedImages, GridsThatCannotBeUsed) {
   nowhere.replace(nowhere.find("Offset = 0"), 10, "Offset = nan");
   write_bytes(folder / "c.mha", nowhere);
   EXPECT_THAT(error_for(folder / "c.mha"), ::testing::HasSubstr("cannot read"));
+}
+
+TEST(RefusedImages, SpacingsThatAreNoLengths) {
+  const TemporaryFolder folder;
+  for (const char* spacing : {"nan 1 1", "1 inf 1", "1 1 -inf", "0 0 0"}) {
+    std::string header = meta_header("2 2 2", "LOCAL");
+    header.replace(header.find("ElementSpacing = 1 1 1"), 22, "ElementSpacing = " + std::string(spacing));
+    write_bytes(folder / "a.mha", header + "vvvvvvvv");
+    EXPECT_THAT(error_for(folder / "a.mha"), ::testing::HasSubstr("cannot read")) << spacing;
+  }
+  for (const float spacing : {std::numeric_limits<float>::quiet_NaN(), std::numeric_limits<float>::infinity()}) {
+    NiftiBytes nifti({2, 2, 2});
+    nifti.set<float>(80, spacing);  // pixdim[1]
+    write_bytes(folder / "a.nii", nifti.bytes + "vvvvvvvv");
+    EXPECT_THAT(error_for(folder / "a.nii"), ::testing::HasSubstr("cannot read")) << spacing;
+  }
+  write_bytes(folder / "a.nrrd",
+              nrrd_header("2 2 2", "space directions: (nan,0,0) (0,1,0) (0,0,1)\nspace: LPS\n") + "vvvvvvvv");
+  EXPECT_THAT(error_for(folder / "a.nrrd"), ::testing::HasSubstr("cannot read"));
 }
 
 TEST(RefusedImages, MoreThanThreeDimensions) {

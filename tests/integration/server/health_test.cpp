@@ -1,5 +1,6 @@
 // Health and reflection, which Debian has no generated code for: the messages are written as bytes.
 #include "tests/integration/server/daemon_test.h"
+#include "tests/support/fake_disk.h"
 
 #include <gmock/gmock.h>
 #include <grpcpp/generic/generic_stub.h>
@@ -44,13 +45,35 @@ TEST_F(Health, IsServing) {
   EXPECT_EQ(ask("/grpc.health.v1.Health/Check", ""), "\x08\x01");
 }
 
+// HealthCheckRequest{service = name}; HealthCheckResponse{status = 2 (NOT_SERVING)}
+TEST_F(Health, WhatWritesIsNotServedAfterAFailureOfTheDisk) {
+  const auto health_of = [this](const std::string& service) {
+    return ask("/grpc.health.v1.Health/Check", "\x0a" + std::string(1, static_cast<char>(service.size())) + service);
+  };
+  auto disk = std::make_shared<testing_support::FakeDisk>();
+  DaemonParts parts;
+  parts.disk = disk;
+  on_broken = [](const std::string&) {};
+  start(std::move(parts));
+  EXPECT_EQ(health_of("saltus.v1.BlobService"), "\x08\x01");
+  disk->sync_error = EIO;
+  EXPECT_EQ(upload("content", digest_of("content")).error_code(), grpc::StatusCode::UNAVAILABLE);
+  // The daemon's own thread tells it, soon after the call was answered.
+  while (health_of("saltus.v1.BlobService") != "\x08\x02") {
+  }
+  for (const char* service : {"saltus.v1.RegistrationService", "saltus.v1.WorkerService"})
+    while (health_of(service) != "\x08\x02") {
+    }
+  EXPECT_EQ(health_of("saltus.v1.ServerInfoService"), "\x08\x01");
+}
+
 // ServerReflectionRequest{list_services = ""}
 TEST_F(Health, ReflectionListsTheServices) {
   start();
   const std::string answer =
       ask("/grpc.reflection.v1alpha.ServerReflection/ServerReflectionInfo", std::string("\x3a\0", 2));
   for (const char* service : {"saltus.v1.RegistrationService", "saltus.v1.BlobService", "saltus.v1.ServerInfoService",
-                              "saltus.v1.WorkerService", "grpc.health.v1.Health"})
+                              "saltus.v1.WorkerService", "saltus.v1.AdminService", "grpc.health.v1.Health"})
     EXPECT_THAT(answer, ::testing::HasSubstr(service));
 }
 
