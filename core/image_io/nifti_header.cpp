@@ -66,6 +66,17 @@ NiftiHeader read_nifti_header(const std::filesystem::path& path) {
   const int spatial = dim[0] < 4 ? dim[0] : 4;
   result.dimension = spatial;
   if (spatial == 4 && dim[4] <= 1) result.dimension = dim[0] >= 5 && dim[3] == 1 && result.components == 2 ? 2 : 3;
+
+  // The library takes 1 mm for what is no number, without a word.
+  for (int axis = 1; axis <= result.dimension; ++axis) {
+    std::uint32_t spacing_bits = 0;
+    std::memcpy(&spacing_bits, header.data() + 76 + 4 * axis, sizeof spacing_bits);
+    if (is_swapped) spacing_bits = __builtin_bswap32(spacing_bits);
+    const float spacing = std::bit_cast<float>(spacing_bits);
+    if (!std::isfinite(spacing))
+      refuse("its spacing on axis " + std::to_string(axis) + " is " + std::to_string(spacing) +
+             "; it must be a length in mm");
+  }
   return result;
 }
 
