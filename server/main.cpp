@@ -70,8 +70,12 @@ DaemonSettings settings_of(const Config& config) {
   settings.log = [](const std::string& line) { spdlog::info("{}", line); };
   settings.jobs.slots = config.slots;
   settings.jobs.default_threads = config.threads_per_job;
+  settings.jobs.thread_budget = config.threads;
+  settings.jobs.memory_budget = config.memory_budget;
   settings.jobs.lease = config.lease;
   settings.jobs.checkpoint_interval = config.checkpoint_interval;
+  settings.jobs.queue.retry_delay = config.retry_delay;
+  settings.jobs.stall_timeout = config.stall_timeout;
   settings.jobs.heartbeat_interval =
       std::min<std::chrono::milliseconds>(std::chrono::milliseconds(500), config.lease / 4);
   settings.jobs.queue.max_queued = limits::kQueuedJobs;

@@ -51,17 +51,11 @@ v1::AffineStart parse_affine(const std::string& text) {
   throw InvalidInput("--affine is " + text + "; it must be none, rigid or affine");
 }
 
-void check_settings(const JobOptions& options, v1::RegistrationSpec& spec) {
-  RegistrationOptions registration = chosen_defaults(options);
-  for (const std::string& setting : options.settings) {
-    const auto equals = setting.find('=');
-    if (equals == std::string::npos || equals == 0)
-      throw InvalidInput("--set is " + setting + "; it must be NAME=VALUE, and --set help lists the names");
-    const std::string name = setting.substr(0, equals), value = setting.substr(equals + 1);
-    set_parameter(registration, name, value);
-    (*spec.mutable_settings())[name] = value;
-  }
-  if (const auto found = problems(registration); !found.empty()) throw InvalidInput(found.front());
+std::pair<std::string, std::string> parse_setting(const std::string& setting) {
+  const auto equals = setting.find('=');
+  if (equals == std::string::npos || equals == 0)
+    throw InvalidInput("--set is " + setting + "; it must be NAME=VALUE, and --set help lists the names");
+  return {setting.substr(0, equals), setting.substr(equals + 1)};
 }
 
 void require(const std::string& value, const std::string& option) {
@@ -131,6 +125,16 @@ std::string parameter_table(const JobOptions& options) {
   return table.str();
 }
 
+RegistrationOptions chosen_options(const JobOptions& options) {
+  RegistrationOptions registration = chosen_defaults(options);
+  for (const std::string& setting : options.settings) {
+    const auto [name, value] = parse_setting(setting);
+    set_parameter(registration, name, value);
+  }
+  if (const auto found = problems(registration); !found.empty()) throw InvalidInput(found.front());
+  return registration;
+}
+
 v1::RegistrationSpec make_spec(const JobOptions& options) {
   require(options.fixed, "--fixed");
   require(options.moving, "--moving");
@@ -138,7 +142,11 @@ v1::RegistrationSpec make_spec(const JobOptions& options) {
     throw InvalidInput("--fixed-points and --moving-points belong together; give both or none");
 
   v1::RegistrationSpec spec;
-  check_settings(options, spec);
+  chosen_options(options);  // throws for what the solver does not know
+  for (const std::string& setting : options.settings) {
+    const auto [name, value] = parse_setting(setting);
+    (*spec.mutable_settings())[name] = value;
+  }
   spec.set_model(options.model);
   spec.set_similarity(options.similarity);
   spec.set_preset(options.preset);

@@ -1,6 +1,7 @@
 #pragma once
 
 #include "client/lib/registration_client.h"
+#include "core/registration/options.h"
 
 #include <array>
 #include <optional>
@@ -38,6 +39,9 @@ bool wants_parameter_help(const JobOptions& options);
 /// The table of expert parameters with their values for the chosen model, similarity and preset.
 /// Throws InvalidInput for a name that does not exist.
 std::string parameter_table(const JobOptions& options);
+
+/// The solver's options that `options` stands for. Throws InvalidInput that names the option.
+RegistrationOptions chosen_options(const JobOptions& options);
 
 /// The job as the protocol wants it, but without its input files. Everything that can be known without a daemon and
 /// without reading an image is checked here. Throws InvalidInput that names the option.

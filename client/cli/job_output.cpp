@@ -73,6 +73,22 @@ nlohmann::json progress_json(const v1::JobProgress& progress) {
   return json;
 }
 
+std::string priority_name(v1::JobPriority priority) {
+  return lower(without_prefix(v1::JobPriority_Name(priority), "JOB_PRIORITY_"));
+}
+
+nlohmann::json resources_json(const v1::JobResources& resources) {
+  nlohmann::json json = nlohmann::json::object();
+  const auto add = [&json](const char* name, std::int64_t value) {
+    if (value > 0) json[name] = value;
+  };
+  add("memory_bytes", resources.memory_bytes());
+  add("memory_bytes_limit", resources.memory_bytes_limit());
+  add("wall_seconds_limit", resources.wall_seconds_limit());
+  add("cpu_seconds_limit", resources.cpu_seconds_limit());
+  return json;
+}
+
 }  // namespace
 
 std::string state_name(v1::JobState state) { return without_prefix(v1::JobState_Name(state), "JOB_STATE_"); }
@@ -109,6 +125,17 @@ nlohmann::json job_json(const v1::RegistrationJob& job) {
   if (job.has_start_time()) json["start_time"] = time_text(job.start_time());
   if (job.has_end_time()) json["end_time"] = time_text(job.end_time());
   if (job.state() == v1::JOB_STATE_QUEUED) json["queue_position"] = job.queue_position();
+  if (job.has_estimated_start_time()) json["estimated_start_time"] = time_text(job.estimated_start_time());
+  if (job.has_not_before()) json["not_before"] = time_text(job.not_before());
+  if (!job.submitter().empty()) json["submitter"] = job.submitter();
+  if (job.priority() != v1::JOB_PRIORITY_UNSPECIFIED) json["priority"] = priority_name(job.priority());
+  if (job.has_resources()) json["resources"] = resources_json(job.resources());
+  if (job.has_last_loss())
+    json["last_loss"] = {{"reason", job.last_loss().reason()}, {"message", job.last_loss().message()}};
+  if (job.has_checkpoint())
+    json["checkpoint"] = {{"attempt", job.checkpoint().attempt()},
+                          {"level", job.checkpoint().level()},
+                          {"iteration", job.checkpoint().iteration()}};
   return json;
 }
 
@@ -120,8 +147,13 @@ std::string job_text(const v1::RegistrationJob& job) {
   line("id", job.id());
   line("state", state_name(job.state()));
   if (job.state() == v1::JOB_STATE_QUEUED) line("position", job.queue_position());
+  if (job.has_estimated_start_time()) line("starts", "about " + time_text(job.estimated_start_time()));
   if (job.state() == v1::JOB_STATE_RUNNING) line("stage", stage_name(job.progress().stage()));
   line("attempt", job.attempt());
+  if (job.has_last_loss()) line("lost", job.last_loss().reason() + ": " + job.last_loss().message());
+  if (job.priority() == v1::JOB_PRIORITY_LOW || job.priority() == v1::JOB_PRIORITY_HIGH)
+    line("priority", priority_name(job.priority()));
+  for (const auto& [name, value] : job.labels()) line("label", name + "=" + value);
   line("model", job.spec().model());
   line("similarity", job.spec().similarity());
   line("preset", job.spec().preset());

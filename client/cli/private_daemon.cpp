@@ -126,7 +126,9 @@ void PrivateDaemon::start(const fs::path& program) {
 
   std::vector<std::string> words{program, "--listen", address_, "--data", folder_ / "data", "--exit-on-stdin-close",
                                  // It goes with this command, so it need not leave room for a day's work.
-                                 "--disk-reserve", "64M"};
+                                 "--disk-reserve", "64M",
+                                 // There is one job, which has the machine to itself however many threads it asks for.
+                                 "--threads", "1024"};
   std::vector<char*> arguments;
   for (std::string& word : words) arguments.push_back(word.data());
   arguments.push_back(nullptr);

@@ -4,6 +4,7 @@
 #include "client/cli/connection.h"
 #include "client/cli/job_options.h"
 #include "client/cli/job_output.h"
+#include "client/cli/queue_options.h"
 
 #include <CLI/CLI.hpp>
 #include <nlohmann/json.hpp>
@@ -17,6 +18,7 @@ namespace {
 struct SubmitOptions {
   JobOptions job;
   ServerChoice server;
+  QueueOptions queue;
   bool as_json = false;
 };
 
@@ -26,9 +28,11 @@ int submit(const SubmitOptions& options) {
     return Done;
   }
   v1::RegistrationSpec spec = make_spec(options.job);
+  v1::CreateRegistrationJobRequest request = make_request(options.queue, options.job);
   client::RegistrationClient client(call_settings(options.server));
   upload_inputs(client, options.job, spec);
-  const v1::RegistrationJob job = client.create(spec);
+  *request.mutable_spec() = std::move(spec);
+  const v1::RegistrationJob job = client.create(std::move(request));
   if (options.as_json)
     std::cout << job_json(job).dump(2) << std::endl;
   else
@@ -42,12 +46,13 @@ void add_submit_command(CLI::App& app, int& exit_code) {
   CLI::App* command = app.add_subcommand("submit", "Send a job to a server and print its id");
   auto options = std::make_shared<SubmitOptions>();
   add_job_options(*command, options->job);
+  add_queue_options(*command, options->queue);
   add_server_option(*command, options->server);
   command->add_flag("--json", options->as_json, "Print the job as JSON");
   command->footer(
       "Example:\n"
       "  export SALTUS_SERVER=unix:/run/saltusd/socket\n"
-      "  id=$(saltus submit --fixed a.nii.gz --moving b.nii.gz)\n"
+      "  id=$(saltus submit --fixed a.nii.gz --moving b.nii.gz --label case=7)\n"
       "  saltus watch $id && saltus fetch $id --out result");
   command->callback([options, &exit_code] { exit_code = submit(*options); });
 }

@@ -52,8 +52,23 @@ v1::RegistrationJob RegistrationClient::create(const v1::RegistrationSpec& spec,
   v1::CreateRegistrationJobRequest request;
   *request.mutable_spec() = spec;
   request.mutable_labels()->insert(labels.begin(), labels.end());
-  request.set_request_id(make_request_id());
+  return create(std::move(request));
+}
+
+v1::RegistrationJob RegistrationClient::create(v1::CreateRegistrationJobRequest request) {
+  if (request.request_id().empty()) request.set_request_id(make_request_id());
   return unary(settings_, *stub_, &v1::RegistrationService::Stub::CreateRegistrationJob, request);
+}
+
+std::vector<v1::RegistrationJob> RegistrationClient::create_all(
+    std::vector<v1::CreateRegistrationJobRequest> requests) {
+  v1::BatchCreateRegistrationJobsRequest batch;
+  for (v1::CreateRegistrationJobRequest& request : requests) {
+    if (request.request_id().empty()) request.set_request_id(make_request_id());
+    *batch.add_requests() = std::move(request);
+  }
+  const auto made = unary(settings_, *stub_, &v1::RegistrationService::Stub::BatchCreateRegistrationJobs, batch);
+  return {made.jobs().begin(), made.jobs().end()};
 }
 
 v1::RegistrationJob RegistrationClient::get(const std::string& id) {
@@ -63,9 +78,13 @@ v1::RegistrationJob RegistrationClient::get(const std::string& id) {
 }
 
 std::vector<v1::RegistrationJob> RegistrationClient::list(v1::JobState state, int limit) {
-  std::vector<v1::RegistrationJob> jobs;
   v1::ListRegistrationJobsRequest request;
   request.set_state(state);
+  return list(std::move(request), limit);
+}
+
+std::vector<v1::RegistrationJob> RegistrationClient::list(v1::ListRegistrationJobsRequest request, int limit) {
+  std::vector<v1::RegistrationJob> jobs;
   while (static_cast<int>(jobs.size()) < limit) {
     request.set_page_size(std::min(limit - static_cast<int>(jobs.size()), 1000));
     auto page = unary(settings_, *stub_, &v1::RegistrationService::Stub::ListRegistrationJobs, request);

@@ -32,9 +32,15 @@ class RegistrationClient {
 
   /// Makes the request id itself, so that a repeated call cannot make a second job.
   v1::RegistrationJob create(const v1::RegistrationSpec& spec, const std::map<std::string, std::string>& labels = {});
+  /// The same with everything that can be asked for; a request id that `request` has is kept.
+  v1::RegistrationJob create(v1::CreateRegistrationJobRequest request);
+  /// All of them or none; at most ServerInfo.max_batch_jobs.
+  std::vector<v1::RegistrationJob> create_all(std::vector<v1::CreateRegistrationJobRequest> requests);
   v1::RegistrationJob get(const std::string& id);
   /// Newest first; follows the pages until there are `limit` jobs or no more. JOB_STATE_UNSPECIFIED: all states.
   std::vector<v1::RegistrationJob> list(v1::JobState state, int limit);
+  /// The same with the conditions of `request`; its pages are seen to here.
+  std::vector<v1::RegistrationJob> list(v1::ListRegistrationJobsRequest request, int limit);
   v1::RegistrationJob cancel(const std::string& id);
   void remove(const std::string& id);
   v1::ServerInfo server_info();

@@ -15,8 +15,19 @@ namespace fs = std::filesystem;
 namespace {
 
 constexpr int kUsage = 2;
+constexpr double kGibibyte = 1 << 30;
 
 fs::path default_worker() { return fs::read_symlink("/proc/self/exe").parent_path() / "saltus-worker"; }
+
+std::chrono::milliseconds milliseconds(double seconds) {
+  return std::chrono::milliseconds(static_cast<long long>(seconds * 1000));
+}
+
+/// What the daemon, the system and the files that are being read need stays free.
+std::int64_t default_memory_budget() {
+  const auto machine = static_cast<std::int64_t>(::sysconf(_SC_PHYS_PAGES)) * ::sysconf(_SC_PAGESIZE);
+  return machine / 10 * 8;
+}
 
 void require_program(const fs::path& program) {
   if (::access(program.c_str(), X_OK) != 0 || fs::is_directory(program))
@@ -58,7 +69,7 @@ ParsedConfig parse_config(int argc, char** argv) {
   Config& config = parsed.config;
   std::string data, worker, roles;
   std::vector<std::string> listen;
-  double lease_seconds = 30, checkpoint_seconds = 30;
+  double lease_seconds = 30, checkpoint_seconds = 30, retry_seconds = 5, stall_seconds = 900, memory_gib = 0;
   config.log_level = "info";
   app.set_version_flag("--version", SALTUS_VERSION);
   app.add_option("--data", data, "Folder for jobs, images and results; made when missing")
@@ -79,6 +90,10 @@ ParsedConfig parse_config(int argc, char** argv) {
       ->check(CLI::Range(1, 1024));
   app.add_option("--threads-per-job", config.threads_per_job, "Threads of a job that does not say [cores]")
       ->check(CLI::Range(1, 1024));
+  app.add_option("--threads", config.threads, "Threads of all workers together [cores, at least what the slots need]")
+      ->check(CLI::Range(1, 65536));
+  app.add_option("--memory-budget", memory_gib, "Memory of all workers together, GiB [80 % of the machine's]")
+      ->check(CLI::Range(0.001, 1048576.0));
   app.add_option("--worker", worker, "The worker's program [saltus-worker beside saltusd]")->type_name("PATH");
   app.add_option("--lease-seconds", lease_seconds, "How long a worker may be silent before its job is given to another")
       ->check(CLI::Range(1.0, 3600.0))
@@ -106,6 +121,12 @@ ParsedConfig parse_config(int argc, char** argv) {
          "What uploads leave free on the disk: bytes, MiB or GiB as 512M or 4G, or a share as 10% [the larger of "
          "5% and 2G]")
       ->type_name("SIZE");
+  app.add_option("--retry-seconds", retry_seconds, "Before a lost job is tried again; four times as long the next time")
+      ->check(CLI::Range(0.0, 3600.0))
+      ->capture_default_str();
+  app.add_option("--stall-seconds", stall_seconds, "A worker that reports no progress for so long is ended")
+      ->check(CLI::Range(1.0, 86400.0))
+      ->capture_default_str();
   app.add_option("--log-level", config.log_level, "trace, debug, info, warning, error or off")
       ->check(CLI::IsMember({"trace", "debug", "info", "warning", "error", "off"}))
       ->capture_default_str();
@@ -124,13 +145,20 @@ ParsedConfig parse_config(int argc, char** argv) {
   const int cores = std::max(1, static_cast<int>(std::thread::hardware_concurrency()));
   if (config.threads_per_job == 0) config.threads_per_job = cores;
   if (config.slots == 0) config.slots = std::max(1, cores / config.threads_per_job);
+  if (config.threads == 0) config.threads = std::max(cores, config.slots * config.threads_per_job);
+  if (config.threads < config.threads_per_job)
+    throw InvalidInput("--threads is " + std::to_string(config.threads) + "; it must be at least " +
+                       std::to_string(config.threads_per_job) + ", the threads of one job");
+  config.memory_budget = memory_gib > 0 ? static_cast<std::int64_t>(memory_gib * kGibibyte) : default_memory_budget();
   config.worker = worker.empty() ? default_worker() : fs::absolute(worker);
   require_program(config.worker);
   if (!reserve.empty()) config.reserve = parse_reserve(reserve);
   config.retention = {std::chrono::hours(24 * input_days), std::chrono::hours(24 * result_days),
                       std::chrono::hours(upload_hours)};
-  config.lease = std::chrono::milliseconds(static_cast<long long>(lease_seconds * 1000));
-  config.checkpoint_interval = std::chrono::milliseconds(static_cast<long long>(checkpoint_seconds * 1000));
+  config.lease = milliseconds(lease_seconds);
+  config.checkpoint_interval = milliseconds(checkpoint_seconds);
+  config.retry_delay = milliseconds(retry_seconds);
+  config.stall_timeout = milliseconds(stall_seconds);
   return parsed;
 }
 

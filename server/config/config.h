@@ -6,6 +6,7 @@
 #include "server/store/disk_reserve.h"
 
 #include <chrono>
+#include <cstdint>
 #include <filesystem>
 #include <string>
 #include <vector>
@@ -22,11 +23,15 @@ struct Config {
   std::filesystem::path worker;
   int slots = 0;
   int threads_per_job = 0;
+  int threads = 0;                 ///< of all workers together
+  std::int64_t memory_budget = 0;  ///< bytes, of all workers together
   std::chrono::milliseconds lease{};
   std::chrono::milliseconds checkpoint_interval{};
   ReserveSettings reserve;
   Retention retention;
   bool fsck = false;  ///< check the folder and end
+  std::chrono::milliseconds retry_delay{};
+  std::chrono::milliseconds stall_timeout{};
   std::string log_level;
   bool exit_on_stdin_close = false;
 };

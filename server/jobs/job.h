@@ -72,7 +72,7 @@ struct JobRecord {
   int threads = 0;  ///< 0: the daemon's default
   int priority = kDefaultPriority;
   std::int64_t memory_bytes = 0;  ///< what the job is expected to need; 0: the daemon's default
-  JobLimits limits;
+  JobLimits limits = {};
 
   JobState state = JobState::Queued;
   int attempt = 0;        ///< number of the current or last attempt, 0 before the first; so many there were in all
@@ -102,7 +102,7 @@ struct NewJob {
   int threads = 0;
   int priority = kDefaultPriority;
   std::int64_t memory_bytes = 0;  ///< 0: the daemon's default
-  JobLimits limits;
+  JobLimits limits = {};
 };
 
 enum class JobStage { Unknown, Fetching, Validating, Optimising, Writing };

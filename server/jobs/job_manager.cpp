@@ -10,11 +10,48 @@
 namespace saltus::server {
 namespace {
 
+// How many finished jobs tell how long the next ones take.
+constexpr int kRememberedDurations = 32;
 constexpr auto kNewest = std::numeric_limits<std::int64_t>::max();
 constexpr auto kAll = std::numeric_limits<int>::max();
 
+// No retry waits longer than so many first delays, whatever the wall clock says: 4 ^ 3.
+constexpr int kLongestRetry = 64;
+// SIGXCPU: the kernel ends a process that has used up the limit it was given.
+constexpr int kProcessorTimeSignal = 24;
+// How long a daemon takes that goes down and comes back.
+constexpr std::chrono::milliseconds kRestart{5000};
+
+Demand total_of(const ManagerSettings& settings) {
+  Demand total;
+  total.threads = settings.thread_budget > 0 ? settings.thread_budget : std::numeric_limits<int>::max();
+  total.memory_bytes = settings.memory_budget > 0 ? settings.memory_budget : std::numeric_limits<std::int64_t>::max();
+  return total;
+}
+
+std::string gibibytes(std::int64_t bytes) {
+  const std::int64_t tenths = (bytes * 10 + (1 << 30) - 1) >> 30;
+  return std::to_string(tenths / 10) + "." + std::to_string(tenths % 10) + " GiB";
+}
+
+JobFailure failure_of(Limit limit, const JobLimits& limits) {
+  switch (limit) {
+    case Limit::WallTime:
+      return {"WALL_TIME", "the attempt has taken the " + std::to_string(limits.wall_seconds) +
+                               " s that the job allows it; allow more, or choose a faster preset"};
+    case Limit::CpuTime:
+      return {"CPU_TIME", "the attempt has used the " + std::to_string(limits.cpu_seconds) +
+                              " s of processor time that the job allows it; allow more, or choose a faster preset"};
+    case Limit::Memory:
+      return {"MEMORY_LIMIT", "the worker uses more than the " + gibibytes(limits.memory_bytes) +
+                                  " that the job allows it; allow more, or crop the images"};
+  }
+  return {};
+}
+
 Refusal draining() {
-  return {RefusalKind::Unavailable, "DRAINING", "the daemon is shutting down and takes no new jobs; try again later"};
+  return {RefusalKind::Unavailable, "DRAINING", "the daemon is shutting down and takes no new jobs; try again later",
+          kRestart};
 }
 
 Refusal paused() {
@@ -51,7 +88,6 @@ std::optional<JobRecord> with_checkpoint_dropped(JobTable& table, const std::str
 struct JobManager::Change {
   std::optional<JobRecord> job;
   std::vector<std::string> orphans;  ///< digests of blobs that have lost their row
-  int queued = 0;
 };
 
 JobManager::JobManager(JobStore& store, BlobCatalog& blobs, Launcher& launcher, const Clock& clock, IdSource& ids,
@@ -66,37 +102,38 @@ JobManager::JobManager(JobStore& store, BlobCatalog& blobs, Launcher& launcher, 
       wake_(std::move(wake)),
       log_(std::move(log)),
       queue_(clock, ids, settings.queue),
-      leases_(settings.lease, settings.cancel_ladder) {
+      waiting_(settings.fairness),
+      budget_(settings.slots, total_of(settings)),
+      leases_(settings.lease, settings.cancel_ladder, settings.stall_timeout) {
   launcher_.on_exit([this](const AttemptKey& key, const WorkerExit& exit) { worker_ended(key, exit); });
 }
 
 void JobManager::write_change(const std::string& id, std::function<std::optional<JobRecord>(JobTable&)> decide,
                               std::function<void(std::exception_ptr, const Change&)> done) {
   auto change = std::make_shared<Change>();
-  store_.write(
-      [change, id, decide = std::move(decide)](JobTable& table) {
-        change->job = with_checkpoint_dropped(table, id, decide, change->orphans);
-        change->queued = table.count(JobState::Queued);
-      },
-      [this, change, done = std::move(done)](std::exception_ptr error) {
-        if (!error) {
-          committed(*change);
-          if (!change->orphans.empty()) blobs_.drop_bytes(change->orphans);
-        }
-        done(error, *change);
-      });
+  store_.write([change, id, decide = std::move(decide)](
+                   JobTable& table) { change->job = with_checkpoint_dropped(table, id, decide, change->orphans); },
+               [this, change, done = std::move(done)](std::exception_ptr error) {
+                 if (!error) {
+                   if (change->job) committed(*change->job);
+                   if (!change->orphans.empty()) blobs_.drop_bytes(change->orphans);
+                 }
+                 done(error, *change);
+               });
 }
 
-void JobManager::committed(const Change& change) {
-  queued_ = change.queued;
-  if (!change.job) return;
-  const JobRecord& job = *change.job;
+void JobManager::committed(const JobRecord& job) {
   {
     std::lock_guard lock(mutex_);
+    const AttemptKey key{job.id, job.attempt};
+    job.state == JobState::Queued ? waiting_.put(waiting(job)) : waiting_.remove(job.id);
+    queued_ = waiting_.size();
     if (!is_held(job.state)) {
-      const AttemptKey key{job.id, job.attempt};
       leases_.end(key);
+      const bool has_run = running_.erase(key) > 0;
+      if (has_run && job.state == JobState::Succeeded) durations_.add(*job.ended - *job.started);
       progress_.erase(job.id);
+      budget_.ended(key, by_force_.contains(key));
       if (job.attempt > 0) retired_.try_emplace(key, clock_.steady() + settings_.linger);
     } else if (job.state == JobState::Cancelling) {
       leases_.cancel(job.id, clock_.steady());
@@ -109,12 +146,20 @@ void JobManager::committed(const Change& change) {
 }
 
 void JobManager::recover() {
-  std::vector<JobRecord> held;
+  std::vector<JobRecord> held, queued, finished;
   store_.read([&](JobReader& reader) {
-    queued_ = reader.count(JobState::Queued);
+    queued = reader.queued();
+    finished = reader.list({.state = JobState::Succeeded}, kNewest, kRememberedDurations);
     for (const JobState state : {JobState::Running, JobState::Cancelling})
-      for (JobRecord& job : reader.list(state, kNewest, kAll)) held.push_back(std::move(job));
+      for (JobRecord& job : reader.list({.state = state}, kNewest, kAll)) held.push_back(std::move(job));
   });
+  {
+    std::lock_guard lock(mutex_);
+    for (const JobRecord& job : queued) waiting_.put(waiting(job));
+    queued_ = waiting_.size();
+    for (const JobRecord& job : finished)
+      if (job.started && job.ended) durations_.add(*job.ended - *job.started);
+  }
   for (const JobRecord& job : held) {
     const AttemptKey key{job.id, job.attempt};
     const bool is_gone = !job.process.empty() && !launcher_.adopt(key, job.process);
@@ -129,24 +174,55 @@ void JobManager::recover() {
       continue;
     }
     std::lock_guard lock(mutex_);
-    leases_.grant(key, job.token_hash, clock_.steady());
+    const WallTime began = job.started.value_or(clock_.wall());
+    leases_.grant(key, job.token_hash, clock_.steady(), job.limits,
+                  std::max(clock_.wall() - began, std::chrono::milliseconds(0)));
+    running_[key] = began;
+    budget_.take(key, demand_of(job.threads, job.memory_bytes));
+    if (!job.process.empty()) budget_.has_process(key);
     if (job.state == JobState::Cancelling) leases_.cancel(job.id, clock_.steady());
   }
+}
+
+void JobManager::require_room(const NewJob& job) const {
+  const Demand demand = demand_of(job.threads, job.memory_bytes);
+  if (!budget_.is_too_large(demand)) return;
+  const Demand& total = budget_.total();
+  throw Refusal(RefusalKind::FailedPrecondition, "EXCEEDS_BUDGET",
+                demand.threads > total.threads
+                    ? "the job asks for " + std::to_string(demand.threads) + " threads, this daemon has " +
+                          std::to_string(total.threads) + " for all its workers; ask for fewer threads"
+                    : "the job needs " + gibibytes(demand.memory_bytes) + " of memory, this daemon has " +
+                          gibibytes(total.memory_bytes) +
+                          " for all its workers; crop the images, or use a machine with more memory");
 }
 
 void JobManager::submit(const NewJob& job, Reply<JobView> reply) {
   if (is_draining_) throw draining();
   if (is_paused_) throw paused();
-  auto position = std::make_shared<int>(0);
+  require_room(job);
   write_change(
-      "",
-      [this, job, position](JobTable& table) {
-        JobRecord record = queue_.submit(table, job);
-        if (record.state == JobState::Queued) *position = static_cast<int>(table.queued_up_to(record.sequence).size());
-        return record;
+      "", [this, job](JobTable& table) { return queue_.submit(table, job); },
+      [this, reply = std::move(reply)](std::exception_ptr error, const Change& change) {
+        reply(error, error ? JobView{} : view(*change.job));
+      });
+}
+
+void JobManager::submit_all(const std::vector<NewJob>& jobs, Reply<std::vector<JobView>> reply) {
+  if (is_draining_) throw draining();
+  if (is_paused_) throw paused();
+  for (const NewJob& job : jobs) require_room(job);
+  auto made = std::make_shared<std::vector<JobRecord>>();
+  store_.write(
+      [this, jobs, made](JobTable& table) {
+        for (const NewJob& job : jobs) made->push_back(queue_.submit(table, job));
       },
-      [this, position, reply = std::move(reply)](std::exception_ptr error, const Change& change) {
-        reply(error, error ? JobView{} : view(*change.job, *position));
+      [this, made, reply = std::move(reply)](std::exception_ptr error) {
+        if (error) return reply(error, {});
+        for (const JobRecord& job : *made) committed(job);
+        std::vector<JobView> views;
+        for (const JobRecord& job : *made) views.push_back(view(job));
+        reply(nullptr, views);
       });
 }
 
@@ -154,7 +230,7 @@ void JobManager::cancel(const std::string& id, Reply<JobView> reply) {
   write_change(
       id, [this, id](JobTable& table) { return queue_.cancel(table, id); },
       [this, reply = std::move(reply)](std::exception_ptr error, const Change& change) {
-        reply(error, error ? JobView{} : view(*change.job, 0));
+        reply(error, error ? JobView{} : view(*change.job));
       });
 }
 
@@ -169,6 +245,11 @@ void JobManager::remove(const std::string& id, Reply<std::string> reply) {
       },
       [this, id, orphans, reply = std::move(reply)](std::exception_ptr error, const Change&) {
         if (!error) {
+          {
+            std::lock_guard lock(mutex_);
+            waiting_.remove(id);
+            queued_ = waiting_.size();
+          }
           watchers_.deleted(id);
           blobs_.drop_bytes(*orphans);
         }
@@ -178,37 +259,33 @@ void JobManager::remove(const std::string& id, Reply<std::string> reply) {
 
 JobView JobManager::get(const std::string& id) {
   JobRecord job;
-  int position = 0;
-  store_.read([&](JobReader& reader) {
-    job = require_job(reader, id);
-    if (job.state == JobState::Queued) position = static_cast<int>(reader.queued_up_to(job.sequence).size());
-  });
-  return view(job, position);
+  store_.read([&](JobReader& reader) { job = require_job(reader, id); });
+  return view(job);
 }
 
-std::vector<JobView> JobManager::list(std::optional<JobState> state, std::int64_t before, int limit) {
+std::vector<JobView> JobManager::list(const JobFilter& filter, std::int64_t before, int limit) {
   std::vector<JobRecord> jobs;
-  std::vector<std::int64_t> queued;
-  store_.read([&](JobReader& reader) {
-    jobs = reader.list(state, before, limit);
-    const auto newest_queued =
-        std::find_if(jobs.begin(), jobs.end(), [](const JobRecord& job) { return job.state == JobState::Queued; });
-    if (newest_queued != jobs.end()) queued = reader.queued_up_to(newest_queued->sequence);
-  });
+  store_.read([&](JobReader& reader) { jobs = reader.list(filter, before, limit); });
   std::vector<JobView> views;
-  for (const JobRecord& job : jobs) {
-    const auto upto = std::upper_bound(queued.begin(), queued.end(), job.sequence);
-    views.push_back(view(job, job.state == JobState::Queued ? static_cast<int>(upto - queued.begin()) : 0));
-  }
+  for (const JobRecord& job : jobs) views.push_back(view(job));
   return views;
 }
 
-JobView JobManager::view(const JobRecord& job, int queue_position) const {
-  JobView view{job, std::nullopt, queue_position};
-  if (is_held(job.state)) {
-    std::lock_guard lock(mutex_);
+JobView JobManager::view(const JobRecord& job) {
+  JobView view;
+  view.job = job;
+  std::lock_guard lock(mutex_);
+  if (is_held(job.state))
     if (const auto found = progress_.find(job.id); found != progress_.end()) view.progress = found->second;
-  }
+  if (job.state != JobState::Queued) return view;
+  const WallTime now = clock_.wall();
+  view.queue_position = waiting_.position(job.id, now);
+  const auto typical = durations_.typical();
+  if (!typical || view.queue_position == 0) return view;
+  std::vector<WallTime> running;
+  for (const auto& [key, began] : running_) running.push_back(began);
+  const WallTime start = estimate_start(view.queue_position, std::move(running), settings_.slots, *typical, now);
+  view.estimated_start = std::max(start, job.not_before.value_or(start));
   return view;
 }
 
@@ -253,6 +330,7 @@ LeaseTable::Wanted JobManager::heartbeat(const AttemptKey& key, const std::strin
     wanted = leases_.renew(key, ids_.fingerprint(token), clock_.steady());
     if (!wanted) throw lease_lost(key);
     progress_[key.job_id] = progress;
+    leases_.progressed(key, progress, clock_.steady());
   }
   watchers_.progressed(key.job_id, progress);
   return *wanted;
@@ -270,37 +348,71 @@ void JobManager::complete(const AttemptKey& key, const std::string& token, const
       });
 }
 
-void JobManager::lose(const AttemptKey& key, LossCause cause, const std::string& detail) {
-  write_change(
-      key.job_id, [this, key, cause, detail](JobTable& table) { return queue_.lose(table, key, cause, detail); },
-      [this, key, cause, detail](std::exception_ptr error, const Change& change) {
-        std::lock_guard lock(mutex_);
-        if (error) {
-          // Not recorded: the lease stays, so that its expiry tries once more.
-          leases_.retry_expiry(key, clock_.steady());
-          return;
-        }
-        if (!change.job) {
-          // The attempt had ended before: nothing was lost, and its lease must not hold a slot.
-          leases_.end(key);
-          return;
-        }
-        if (cause != LossCause::Exited || detail != "exit code 0")
-          log_("job " + key.job_id + ", attempt " + std::to_string(key.attempt) + ": " + describe(cause, detail));
-      });
+void JobManager::end_attempt(const AttemptKey& key, std::function<std::optional<JobRecord>(JobTable&)> decide,
+                             const std::string& detail, Ending ending) {
+  if (ending != Ending::None) {
+    std::lock_guard lock(mutex_);
+    by_force_.insert(key);
+  }
+  write_change(key.job_id, std::move(decide), [=, this](std::exception_ptr error, const Change& change) {
+    {
+      std::lock_guard lock(mutex_);
+      by_force_.erase(key);
+      if (error) {
+        // Not recorded: the lease stays, so that its end comes due once more.
+        leases_.retry_end(key, clock_.steady());
+        return;
+      }
+      if (!change.job) {
+        // The attempt had ended before: nothing was lost, and its lease must not hold a slot.
+        leases_.end(key);
+        running_.erase(key);
+        budget_.ended(key, ending != Ending::None);
+      }
+    }
+    // Only now: the death of the process must not count as a crash.
+    if (ending == Ending::Terminate) launcher_.terminate(key);
+    if (ending == Ending::Kill) launcher_.kill(key);
+    if (change.job && !detail.empty())
+      log_("job " + key.job_id + ", attempt " + std::to_string(key.attempt) + ": " + detail);
+  });
+}
+
+void JobManager::lose(const AttemptKey& key, LossCause cause, const std::string& detail, Ending ending) {
+  const bool is_quiet = cause == LossCause::Exited && detail == "exit code 0";
+  end_attempt(
+      key, [this, key, cause, detail](JobTable& table) { return queue_.lose(table, key, cause, detail); },
+      is_quiet ? "" : describe(cause, detail), ending);
+}
+
+void JobManager::fail(const AttemptKey& key, Limit limit, Ending ending) {
+  end_attempt(
+      key,
+      [this, key, limit](JobTable& table) -> std::optional<JobRecord> {
+        const auto job = table.find(key.job_id);
+        if (!job) return std::nullopt;
+        // A limit that the job did not ask for was set by somebody else.
+        if (limit == Limit::CpuTime && job->limits.cpu_seconds == 0)
+          return queue_.lose(table, key, LossCause::Crashed, "signal " + std::to_string(kProcessorTimeSignal));
+        return queue_.fail(table, key, failure_of(limit, job->limits));
+      },
+      "", ending);
 }
 
 void JobManager::worker_ended(const AttemptKey& key, const WorkerExit& exit) {
   {
     std::lock_guard lock(mutex_);
     retired_.erase(key);
+    budget_.exited(key);
   }
+  wake_();
   const std::string number = std::to_string(exit.number);
   if (is_draining_) return lose(key, LossCause::Released, "");
   switch (exit.kind) {
     case WorkerExit::Kind::Exited:
       return lose(key, LossCause::Exited, "exit code " + number);
     case WorkerExit::Kind::Signalled:
+      if (exit.number == kProcessorTimeSignal) return fail(key, Limit::CpuTime, Ending::None);
       return lose(key, LossCause::Crashed, "signal " + number);
     case WorkerExit::Kind::Vanished:
       return lose(key, LossCause::Vanished, "");
@@ -326,11 +438,12 @@ void JobManager::tick() {
     if (drain_started_ && now >= *drain_started_ + settings_.drain_grace)
       for (const AttemptKey& key : leases_.all()) due.kill.push_back(key);
   }
-  // The loss is written before the process is killed: its death must not count as a crash.
-  for (const AttemptKey& key : due.expired) {
-    lose(key, LossCause::LeaseExpired, "");
-    launcher_.kill(key);
-  }
+  // A process that does not heed the request to end is killed after `linger`, as every one that outlives its attempt.
+  for (const AttemptKey& key : due.expired) lose(key, LossCause::LeaseExpired, "", Ending::Kill);
+  const auto stall = std::chrono::round<std::chrono::seconds>(settings_.stall_timeout).count();
+  for (const AttemptKey& key : due.stalled)
+    lose(key, LossCause::Stalled, std::to_string(stall) + " s", Ending::Terminate);
+  for (const auto& [key, limit] : due.over_limit) fail(key, limit, Ending::Terminate);
   for (const AttemptKey& key : due.terminate) launcher_.terminate(key);
   for (const AttemptKey& key : due.kill) launcher_.kill(key);
   for (const LaunchRequest& request : launches) launch(request);
@@ -351,6 +464,10 @@ void JobManager::launch(const LaunchRequest& request) {
   } catch (const std::exception& error) {
     return lose(key, LossCause::LaunchFailed, error.what());
   }
+  {
+    std::lock_guard lock(mutex_);
+    budget_.has_process(key);
+  }
   store_.write(
       [key, process](JobTable& table) {
         auto job = table.find(key.job_id);
@@ -363,34 +480,32 @@ void JobManager::launch(const LaunchRequest& request) {
 }
 
 void JobManager::dispatch() {
+  std::optional<WaitingJob> next;
   {
     std::lock_guard lock(mutex_);
-    if (is_dispatching_ || drain_started_ || is_paused_ || queued_ == 0 || leases_.size() >= settings_.slots) return;
+    if (is_dispatching_ || drain_started_ || is_paused_ || queued_ == 0 || !budget_.fits({0, 0})) return;
+    next = waiting_.next(clock_.wall(), clock_.steady(), [this](const Demand& demand) { return budget_.fits(demand); });
+    if (!next) return;
     is_dispatching_ = true;
   }
-  auto token = std::make_shared<std::string>();
-  auto change = std::make_shared<Change>();
-  store_.write(
-      [this, token, change](JobTable& table) {
-        if (auto taken = queue_.take_next(table)) {
-          *token = taken->token;
-          change->job = std::move(taken->job);
-        }
-        change->queued = table.count(JobState::Queued);
-      },
-      [this, token, change](std::exception_ptr error) {
-        {
-          std::lock_guard lock(mutex_);
-          is_dispatching_ = false;
-          if (error) return;
-          if (change->job) {
-            const AttemptKey key{change->job->id, change->job->attempt};
-            leases_.grant(key, change->job->token_hash, clock_.steady());
-            launches_.push_back({key, *token, threads_of(*change->job), change->job->limits});
-          }
-        }
-        committed(*change);
-      });
+  auto taken = std::make_shared<std::optional<JobQueue::Taken>>();
+  store_.write([this, id = next->id, taken](JobTable& table) { *taken = queue_.start(table, id); },
+               [this, next = *next, taken](std::exception_ptr error) {
+                 {
+                   std::lock_guard lock(mutex_);
+                   is_dispatching_ = false;
+                   if (error) return;
+                   if (!*taken) return waiting_.remove(next.id);
+                   const JobRecord& job = (*taken)->job;
+                   const AttemptKey key{job.id, job.attempt};
+                   waiting_.started(job.id);
+                   leases_.grant(key, job.token_hash, clock_.steady(), job.limits);
+                   running_[key] = *job.started;
+                   budget_.take(key, next.demand);
+                   launches_.push_back({key, (*taken)->token, next.demand.threads, job.limits});
+                 }
+                 committed((*taken)->job);
+               });
 }
 
 void JobManager::begin_drain() {
@@ -423,6 +538,28 @@ int JobManager::running_jobs() const {
 
 int JobManager::threads_of(const JobRecord& job) const {
   return job.threads > 0 ? job.threads : settings_.default_threads;
+}
+
+Demand JobManager::demand_of(int threads, std::int64_t memory_bytes) const {
+  const std::int64_t share =
+      settings_.default_memory > 0 ? settings_.default_memory : settings_.memory_budget / settings_.slots;
+  return {threads > 0 ? threads : settings_.default_threads, memory_bytes > 0 ? memory_bytes : share};
+}
+
+WaitingJob JobManager::waiting(const JobRecord& job) const {
+  WaitingJob waiting;
+  waiting.id = job.id;
+  waiting.submitter = job.submitter;
+  waiting.sequence = job.sequence;
+  waiting.priority = job.priority;
+  waiting.demand = demand_of(job.threads, job.memory_bytes);
+  waiting.created = job.created;
+  // On the clock that never jumps: setting the machine's time must not hold a retry back.
+  waiting.ready = clock_.steady();
+  if (job.not_before)
+    waiting.ready += std::clamp(*job.not_before - clock_.wall(), std::chrono::milliseconds(0),
+                                settings_.queue.retry_delay * kLongestRetry);
+  return waiting;
 }
 
 }  // namespace saltus::server

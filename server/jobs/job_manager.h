@@ -1,9 +1,12 @@
 #pragma once
 
 #include "server/jobs/blob_catalog.h"
+#include "server/jobs/budget.h"
 #include "server/jobs/job_queue.h"
 #include "server/jobs/launcher.h"
 #include "server/jobs/lease_table.h"
+#include "server/jobs/start_estimate.h"
+#include "server/jobs/waiting_list.h"
 #include "server/jobs/watch_hub.h"
 
 #include <atomic>
@@ -13,6 +16,7 @@
 #include <map>
 #include <mutex>
 #include <optional>
+#include <set>
 #include <string>
 #include <vector>
 
@@ -21,6 +25,13 @@ namespace saltus::server {
 struct ManagerSettings {
   int slots = 1;            ///< workers at the same time
   int default_threads = 1;  ///< of a worker whose job does not say
+  /// What all workers together may use. 0: not counted.
+  int thread_budget = 0;
+  std::int64_t memory_budget = 0;  ///< bytes
+  /// Of a job that does not say. 0: an equal share of the budget for each slot.
+  std::int64_t default_memory = 0;
+  FairnessRules fairness;
+  std::chrono::milliseconds stall_timeout{std::chrono::minutes(15)};
   std::chrono::milliseconds lease{30000};
   std::chrono::milliseconds heartbeat_interval{1000};
   std::chrono::milliseconds checkpoint_interval{30000};  ///< at least, between two of one attempt; 0: none are made
@@ -32,8 +43,9 @@ struct ManagerSettings {
 
 struct JobView {
   JobRecord job;
-  std::optional<JobProgress> progress;  ///< of a running attempt that has reported
-  int queue_position = 0;               ///< 1 is next; 0 when not queued
+  std::optional<JobProgress> progress;      ///< of a running attempt that has reported
+  int queue_position = 0;                   ///< 1 is next; 0 when not queued
+  std::optional<WallTime> estimated_start;  ///< of a queued job; nothing while no job has told how long jobs take
 };
 
 struct LeaseGrant {
@@ -67,19 +79,24 @@ class JobManager {
   /// A worker that cannot be found gets one lease of grace to report. Blocks until all is durable.
   void recover();
 
+  /// Throws FailedPrecondition EXCEEDS_BUDGET for a job that the daemon could never run.
   void submit(const NewJob& job, Reply<JobView> reply);
+  /// All of them, or none with the refusal of the first that cannot be had.
+  void submit_all(const std::vector<NewJob>& jobs, Reply<std::vector<JobView>> reply);
   void cancel(const std::string& id, Reply<JobView> reply);
   void remove(const std::string& id, Reply<std::string> reply);
   JobView get(const std::string& id);
   /// Newest first; see JobReader::list.
-  std::vector<JobView> list(std::optional<JobState> state, std::int64_t before, int limit);
+  std::vector<JobView> list(const JobFilter& filter, std::int64_t before, int limit);
+  /// What is known beside the row. Never blocks.
+  JobView view(const JobRecord& job);
   WatchHub& watchers() { return watchers_; }
 
   LeaseGrant acquire(const AttemptKey& key, const std::string& token);
   /// Never blocks.
   LeaseTable::Wanted heartbeat(const AttemptKey& key, const std::string& token, const JobProgress& progress);
-  /// See JobQueue::put_checkpoint. The bytes of the checkpoint before it are removed once this one is durable; the last
-  /// one goes when the job ends.
+  /// See JobQueue::put_checkpoint. The bytes of the checkpoint
+  /// before it are removed once this one is durable; the last one goes when the job ends.
   void put_checkpoint(const AttemptKey& key, const std::string& token, const Checkpoint& checkpoint,
                       Reply<JobRecord> reply);
   void complete(const AttemptKey& key, const std::string& token, const Outcome& outcome, Reply<JobRecord> reply);
@@ -97,19 +114,28 @@ class JobManager {
   int queued_jobs() const { return queued_; }
   int running_jobs() const;
   int slots() const { return settings_.slots; }
+  const Demand& budget() const { return budget_.total(); }
+  bool counts_memory() const { return settings_.memory_budget > 0; }
 
  private:
   struct Change;
   /// Changes one job, then tells everybody who has to know. A checkpoint that the job has no more is removed.
   void write_change(const std::string& id, std::function<std::optional<JobRecord>(JobTable&)> decide,
                     std::function<void(std::exception_ptr, const Change&)> done);
-  void committed(const Change& change);
-  void lose(const AttemptKey& key, LossCause cause, const std::string& detail);
+  void committed(const JobRecord& job);
+  /// What is done about a process whose attempt has been ended without it.
+  enum class Ending { None, Terminate, Kill };
+  void end_attempt(const AttemptKey& key, std::function<std::optional<JobRecord>(JobTable&)> decide,
+                   const std::string& detail, Ending ending);
+  void lose(const AttemptKey& key, LossCause cause, const std::string& detail, Ending ending = Ending::None);
+  void fail(const AttemptKey& key, Limit limit, Ending ending);
+  void require_room(const NewJob& job) const;
   void worker_ended(const AttemptKey& key, const WorkerExit& exit);
   void dispatch();
   void launch(const LaunchRequest& request);
   int threads_of(const JobRecord& job) const;
-  JobView view(const JobRecord& job, int queue_position) const;
+  Demand demand_of(int threads, std::int64_t memory_bytes) const;
+  WaitingJob waiting(const JobRecord& job) const;
 
   JobStore& store_;
   BlobCatalog& blobs_;
@@ -123,7 +149,12 @@ class JobManager {
   WatchHub watchers_;
 
   mutable std::mutex mutex_;
+  WaitingList waiting_;
+  Budget budget_;
+  RecentDurations durations_;
   LeaseTable leases_;
+  std::map<AttemptKey, WallTime> running_;  ///< since when
+  std::set<AttemptKey> by_force_;           ///< attempts that are ended although their workers are still there
   std::map<std::string, JobProgress> progress_;
   std::deque<LaunchRequest> launches_;        ///< taken from the queue, to be started by tick()
   std::map<AttemptKey, SteadyTime> retired_;  ///< attempts that have ended, and when their process must be gone

@@ -1,6 +1,7 @@
 #include "server/jobs/job_queue.h"
 
 #include "server/jobs/job_transitions.h"
+#include "server/jobs/input_refusal.h"
 #include "server/jobs/refusal.h"
 
 #include <algorithm>
@@ -9,12 +10,16 @@
 namespace saltus::server {
 namespace {
 
+// A place becomes free when a job starts; nobody knows when.
+constexpr std::chrono::milliseconds kQueueRetry{5000};
+
 void apply(JobRecord& job, JobEvent event, WallTime now) {
   const auto next = next_state(job.state, event);
   if (!next) throw std::logic_error("job " + job.id + " cannot leave state " + to_string(job.state) + " that way");
   job.state = *next;
   if (!is_terminal(job.state)) return;
   job.ended = now;
+  job.not_before.reset();
   job.checkpoint.reset();
 }
 
@@ -22,6 +27,10 @@ Refusal lease_lost(const AttemptKey& key) {
   return {RefusalKind::Aborted, "LEASE_LOST",
           "attempt " + std::to_string(key.attempt) + " of job " + key.job_id +
               " is not the current one any more; the worker must end without output"};
+}
+
+Refusal job_not_found(const std::string& id) {
+  return {RefusalKind::NotFound, "JOB_NOT_FOUND", "there is no job '" + id + "'; list the jobs to see which there are"};
 }
 
 bool is_same_outcome(const JobRecord& job, const Outcome& outcome) {
@@ -56,6 +65,8 @@ std::string describe(LossCause cause, const std::string& detail) {
       return "the worker was gone after a restart of the daemon";
     case LossCause::LeaseExpired:
       return "the worker was not heard of for too long";
+    case LossCause::Stalled:
+      return "the worker was alive but stood still for " + detail;
     case LossCause::LaunchFailed:
       return "the worker could not be started: " + detail;
     case LossCause::Released:
@@ -64,11 +75,27 @@ std::string describe(LossCause cause, const std::string& detail) {
   return detail;
 }
 
-namespace {
-Refusal job_not_found(const std::string& id) {
-  return {RefusalKind::NotFound, "JOB_NOT_FOUND", "there is no job '" + id + "'; list the jobs to see which there are"};
+std::string reason_of(LossCause cause) {
+  switch (cause) {
+    case LossCause::Crashed:
+      return "WORKER_CRASHED";
+    case LossCause::Exited:
+      return "WORKER_EXITED";
+    case LossCause::Stopped:
+      return "WORKER_STOPPED";
+    case LossCause::Vanished:
+      return "WORKER_VANISHED";
+    case LossCause::LeaseExpired:
+      return "LEASE_EXPIRED";
+    case LossCause::Stalled:
+      return "STALLED";
+    case LossCause::LaunchFailed:
+      return "LAUNCH_FAILED";
+    case LossCause::Released:
+      return "DRAINING";
+  }
+  return "";
 }
-}  // namespace
 
 JobRecord require_job(JobReader& reader, const std::string& id) {
   auto job = reader.find(id);
@@ -92,11 +119,19 @@ JobRecord JobQueue::submit(JobTable& table, const NewJob& asked) const {
   if (table.count(JobState::Queued) >= limits_.max_queued)
     throw Refusal(
         RefusalKind::Exhausted, "QUEUE_FULL",
-        "the queue holds " + std::to_string(limits_.max_queued) + " jobs, which is its limit; try again later");
+        "the queue holds " + std::to_string(limits_.max_queued) + " jobs, which is its limit; try again later",
+        kQueueRetry);
+  const int own_limit = limits_.max_queued_of_submitter;
+  if (own_limit > 0 && table.count_queued_of(asked.submitter) >= own_limit)
+    throw Refusal(RefusalKind::Exhausted, "QUOTA",
+                  "'" + asked.submitter + "' has " + std::to_string(own_limit) +
+                      " queued jobs, which is the limit of one submitter; try again when some have started",
+                  kQueueRetry);
+  std::vector<std::string> missing;
   for (const std::string& digest : asked.inputs)
-    if (!table.blob_size(digest))
-      throw Refusal(RefusalKind::FailedPrecondition, "INPUT_MISSING",
-                    "input " + digest + " is not on the server; upload it with WriteBlob first");
+    if (!table.blob_size(digest) && std::find(missing.begin(), missing.end(), digest) == missing.end())
+      missing.push_back(digest);
+  if (!missing.empty()) throw MissingInputs(std::move(missing));
 
   JobRecord job;
   job.created = clock_.wall();
@@ -115,9 +150,9 @@ JobRecord JobQueue::submit(JobTable& table, const NewJob& asked) const {
   return job;
 }
 
-std::optional<JobQueue::Taken> JobQueue::take_next(JobTable& table) const {
-  auto job = table.next_queued();
-  if (!job) return std::nullopt;
+std::optional<JobQueue::Taken> JobQueue::start(JobTable& table, const std::string& id) const {
+  auto job = table.find(id);
+  if (!job || job->state != JobState::Queued) return std::nullopt;
   Taken taken{*std::move(job), ids_.new_token()};
   const WallTime now = clock_.wall();
   apply(taken.job, JobEvent::Start, now);
@@ -125,6 +160,7 @@ std::optional<JobQueue::Taken> JobQueue::take_next(JobTable& table) const {
   taken.job.started = now;
   taken.job.token_hash = ids_.fingerprint(taken.token);
   taken.job.process.clear();
+  taken.job.not_before.reset();
   table.update(taken.job);
   return taken;
 }
@@ -177,10 +213,12 @@ std::optional<JobRecord> JobQueue::lose(JobTable& table, const AttemptKey& key, 
     apply(job, JobEvent::Release, now);
   } else {
     ++job.lost_attempts;
+    job.last_loss = {reason_of(cause), describe(cause, detail)};
     if (cause == LossCause::Crashed) ++job.crashes;
     const bool is_poison = job.crashes >= limits_.max_crashes;
     const bool is_last = job.lost_attempts >= limits_.max_attempts;
     apply(job, is_poison || is_last ? JobEvent::GiveUp : JobEvent::Lose, now);
+    if (job.state == JobState::Queued) job.not_before = now + retry_delay(job.lost_attempts);
     if (job.state == JobState::Failed) {
       const std::string what = describe(cause, detail);
       if (is_poison)
@@ -196,6 +234,23 @@ std::optional<JobRecord> JobQueue::lose(JobTable& table, const AttemptKey& key, 
   job.process.clear();
   table.update(job);
   return job;
+}
+
+std::optional<JobRecord> JobQueue::fail(JobTable& table, const AttemptKey& key, const JobFailure& failure) const {
+  auto found = table.find(key.job_id);
+  if (!found || found->attempt != key.attempt || !is_held(found->state)) return std::nullopt;
+  JobRecord job = *std::move(found);
+  apply(job, JobEvent::Fail, clock_.wall());
+  if (job.state == JobState::Failed) job.failure = failure;
+  job.process.clear();
+  table.update(job);
+  return job;
+}
+
+std::chrono::milliseconds JobQueue::retry_delay(int lost_attempts) const {
+  std::chrono::milliseconds delay = limits_.retry_delay;
+  for (int i = 1; i < lost_attempts; ++i) delay *= 4;
+  return delay;
 }
 
 JobRecord JobQueue::put_checkpoint(JobTable& table, const AttemptKey& key, const std::string& token,

@@ -14,8 +14,11 @@ namespace saltus::server {
 
 struct QueueLimits {
   int max_queued = 10000;
-  int max_attempts = 3;  ///< lost attempts after which a job is given up
-  int max_crashes = 2;   ///< deaths by a signal after which a job counts as poison
+  int max_attempts = 3;             ///< lost attempts after which a job is given up
+  int max_crashes = 2;              ///< deaths by a signal after which a job counts as poison
+  int max_queued_of_submitter = 0;  ///< 0: no limit but max_queued
+  /// Before the second attempt; four times as long before each one after it.
+  std::chrono::milliseconds retry_delay{5000};
 };
 
 /// Why an attempt ended without an outcome.
@@ -25,12 +28,15 @@ enum class LossCause {
   Stopped,       ///< the worker stopped although nobody asked it to
   Vanished,      ///< the worker's process was gone after a restart of the daemon
   LeaseExpired,  ///< nothing was heard of the worker for too long
+  Stalled,       ///< the worker's heartbeat goes on, its work does not
   LaunchFailed,  ///< the worker could not be started
   Released,      ///< the daemon stopped the worker to shut down; does not count
 };
 
 /// A clause for people: "the worker died by signal 9".
 std::string describe(LossCause cause, const std::string& detail);
+/// A word for programs, such as LEASE_EXPIRED.
+std::string reason_of(LossCause cause);
 
 struct Delivered {
   std::vector<Artifact> artifacts;
@@ -53,8 +59,8 @@ class JobQueue {
     JobRecord job;
     std::string token;
   };
-  /// Starts the next attempt of the oldest queued job. Nothing when no job is queued.
-  std::optional<Taken> take_next(JobTable& table) const;
+  /// Starts the next attempt. Nothing when the job is not queued any more.
+  std::optional<Taken> start(JobTable& table, const std::string& id) const;
 
   /// Idempotent.
   JobRecord cancel(JobTable& table, const std::string& id) const;
@@ -66,8 +72,12 @@ class JobQueue {
                      LossCause stop_cause = LossCause::Stopped) const;
 
   /// Ends an attempt without an outcome. Nothing when it had ended before. `detail` goes into the failure message.
+  /// The job is queued again with a delay, or fails with ATTEMPTS_EXHAUSTED or WORKER_CRASHED.
   std::optional<JobRecord> lose(JobTable& table, const AttemptKey& key, LossCause cause,
                                 const std::string& detail) const;
+
+  /// Ends an attempt because another one would end the same way. Nothing when it had ended before.
+  std::optional<JobRecord> fail(JobTable& table, const AttemptKey& key, const JobFailure& failure) const;
 
   /// From now on the next attempt goes on from `checkpoint`, whose `attempt` is set here. Idempotent. Throws Aborted
   /// LEASE_LOST as complete() does, and FailedPrecondition CHECKPOINT_MISSING when its blob is not there with that
@@ -80,6 +90,7 @@ class JobQueue {
   std::vector<std::string> remove(JobTable& table, const std::string& id) const;
 
  private:
+  std::chrono::milliseconds retry_delay(int lost_attempts) const;
   /// The job of the current attempt. Throws Aborted LEASE_LOST.
   JobRecord require_attempt(JobTable& table, const AttemptKey& key, const std::string& token) const;
 

@@ -5,6 +5,7 @@
 #include <cstdint>
 #include <exception>
 #include <functional>
+#include <map>
 #include <optional>
 #include <string>
 #include <vector>
@@ -17,16 +18,24 @@ struct BlobRow {
   bool operator==(const BlobRow&) const = default;
 };
 
+/// Which jobs a list is to have: those that fulfil every condition.
+struct JobFilter {
+  std::optional<JobState> state = {};
+  std::map<std::string, std::string> labels = {};  ///< each with exactly this value
+  std::string submitter = {};                      ///< "": anybody
+};
+
 /// The committed rows, as of one moment.
 class JobReader {
  public:
   virtual ~JobReader() = default;
   virtual std::optional<JobRecord> find(const std::string& id) = 0;
   /// Newest first: jobs with a sequence below `before`, at most `limit`.
-  virtual std::vector<JobRecord> list(std::optional<JobState> state, std::int64_t before, int limit) = 0;
-  /// Sequences of all queued jobs up to `last`, ascending.
-  virtual std::vector<std::int64_t> queued_up_to(std::int64_t last) = 0;
+  virtual std::vector<JobRecord> list(const JobFilter& filter, std::int64_t before, int limit) = 0;
+  /// All queued jobs by sequence, without their specification, labels and files.
+  virtual std::vector<JobRecord> queued() = 0;
   virtual int count(JobState state) = 0;
+  virtual int count_queued_of(const std::string& submitter) = 0;
   virtual std::optional<std::int64_t> blob_size(const std::string& digest) = 0;
   /// In the order of their digests: those after `after`, at most `limit`.
   virtual std::vector<BlobRow> blobs_after(const std::string& after, int limit) = 0;
@@ -42,8 +51,6 @@ class JobReader {
 class JobTable : public JobReader {
  public:
   virtual std::optional<JobRecord> find_request(const std::string& submitter, const std::string& request_id) = 0;
-  /// The oldest queued job.
-  virtual std::optional<JobRecord> next_queued() = 0;
   /// Gives `job` its sequence.
   virtual void insert(JobRecord& job) = 0;
   /// Replaces what may change: state, attempts, times, failure, artefacts, checkpoint. Raises the revision of `job`.

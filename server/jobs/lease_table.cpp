@@ -1,17 +1,28 @@
 #include "server/jobs/lease_table.h"
 
+#include <tuple>
+
 namespace saltus::server {
+namespace {
+
+auto place(const JobProgress& progress) { return std::tuple(progress.stage, progress.level, progress.iteration); }
+
+}  // namespace
 
 LeaseTable::Lease* LeaseTable::find(const AttemptKey& key) {
   const auto found = leases_.find(key.job_id);
   return found != leases_.end() && found->second.attempt == key.attempt ? &found->second : nullptr;
 }
 
-void LeaseTable::grant(const AttemptKey& key, const std::string& token_hash, SteadyTime now) {
+void LeaseTable::grant(const AttemptKey& key, const std::string& token_hash, SteadyTime now, const JobLimits& limits,
+                       std::chrono::milliseconds used) {
   Lease lease;
   lease.attempt = key.attempt;
   lease.token_hash = token_hash;
   lease.until = now + lease_;
+  lease.limits = limits;
+  if (limits.wall_seconds > 0) lease.wall_end = now + std::chrono::seconds(limits.wall_seconds) - used;
+  lease.moved = now;
   leases_[key.job_id] = lease;
 }
 
@@ -32,6 +43,21 @@ std::optional<LeaseTable::Wanted> LeaseTable::renew(const AttemptKey& key, const
   return lease->cancelled ? Wanted::Cancel : Wanted::Continue;
 }
 
+void LeaseTable::progressed(const AttemptKey& key, const JobProgress& progress, SteadyTime now) {
+  Lease* lease = find(key);
+  if (!lease) return;
+  if (place(lease->progress) != place(progress)) lease->moved = now;
+  lease->progress = progress;
+}
+
+std::optional<Limit> LeaseTable::exceeded(const Lease& lease, SteadyTime now) {
+  if (lease.wall_end && now >= *lease.wall_end) return Limit::WallTime;
+  if (lease.limits.cpu_seconds > 0 && lease.progress.cpu_seconds > static_cast<double>(lease.limits.cpu_seconds))
+    return Limit::CpuTime;
+  if (lease.limits.memory_bytes > 0 && lease.progress.memory_bytes > lease.limits.memory_bytes) return Limit::Memory;
+  return std::nullopt;
+}
+
 bool LeaseTable::is_cancelled(const AttemptKey& key) const {
   const auto found = leases_.find(key.job_id);
   return found != leases_.end() && found->second.attempt == key.attempt && found->second.cancelled;
@@ -44,6 +70,17 @@ LeaseTable::Due LeaseTable::due(SteadyTime now) {
     if (now >= lease.until && !lease.is_expired) {
       lease.is_expired = true;
       due.expired.push_back(key);
+    }
+    // A job that is being cancelled ends by its ladder.
+    const bool is_watched = !lease.is_expired && !lease.cancelled && (!lease.quiet_until || now >= *lease.quiet_until);
+    if (is_watched) {
+      if (const auto limit = exceeded(lease, now)) {
+        lease.is_expired = true;
+        due.over_limit.emplace_back(key, *limit);
+      } else if (now >= lease.moved + stall_) {
+        lease.is_expired = true;
+        due.stalled.push_back(key);
+      }
     }
     if (!lease.cancelled) continue;
     if (lease.step == Lease::Step::None && now >= *lease.cancelled + ladder_.terminate) {
@@ -58,10 +95,11 @@ LeaseTable::Due LeaseTable::due(SteadyTime now) {
   return due;
 }
 
-void LeaseTable::retry_expiry(const AttemptKey& key, SteadyTime now) {
+void LeaseTable::retry_end(const AttemptKey& key, SteadyTime now) {
   if (Lease* lease = find(key)) {
     lease->is_expired = false;
     lease->until = now + lease_;
+    lease->quiet_until = lease->until;
   }
 }
 

@@ -35,8 +35,8 @@ int fail_jobs_without_inputs(JobStore& rows, BlobStore& bytes, const Clock& cloc
   rows.write(
       [&](JobTable& table) {
         failed = 0;
-        for (JobRecord& job :
-             table.list(JobState::Queued, std::numeric_limits<std::int64_t>::max(), std::numeric_limits<int>::max())) {
+        for (JobRecord& job : table.list({.state = JobState::Queued}, std::numeric_limits<std::int64_t>::max(),
+                                         std::numeric_limits<int>::max())) {
           const auto lost = std::find_if(job.inputs.begin(), job.inputs.end(),
                                          [&](const std::string& digest) { return missing.contains(digest); });
           if (lost == job.inputs.end()) continue;

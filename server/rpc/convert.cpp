@@ -67,6 +67,35 @@ JobStage from_message(v1::JobStage stage) {
   }
 }
 
+v1::JobPriority to_priority(int priority) {
+  return priority <= kLowestPriority    ? v1::JOB_PRIORITY_LOW
+         : priority >= kHighestPriority ? v1::JOB_PRIORITY_HIGH
+                                        : v1::JOB_PRIORITY_NORMAL;
+}
+
+int from_priority(v1::JobPriority priority) {
+  switch (priority) {
+    case v1::JOB_PRIORITY_LOW:
+      return kLowestPriority;
+    case v1::JOB_PRIORITY_HIGH:
+      return kHighestPriority;
+    default:
+      return kDefaultPriority;
+  }
+}
+
+void set_failure(const JobFailure& failure, v1::JobFailure& message) {
+  message.set_reason(failure.reason);
+  message.set_message(failure.message);
+}
+
+void set_resources(const JobRecord& job, v1::JobResources& message) {
+  message.set_memory_bytes(job.memory_bytes);
+  message.set_wall_seconds_limit(job.limits.wall_seconds);
+  message.set_cpu_seconds_limit(job.limits.cpu_seconds);
+  message.set_memory_bytes_limit(job.limits.memory_bytes);
+}
+
 }  // namespace
 
 v1::JobState to_message(JobState state) {
@@ -151,10 +180,7 @@ v1::RegistrationJob to_message(const JobView& view) {
   message.set_state(to_message(job.state));
   if (view.progress) *message.mutable_progress() = to_message(*view.progress);
   message.set_attempt(job.attempt);
-  if (job.failure) {
-    message.mutable_failure()->set_reason(job.failure->reason);
-    message.mutable_failure()->set_message(job.failure->message);
-  }
+  if (job.failure) set_failure(*job.failure, *message.mutable_failure());
   for (const Artifact& artifact : job.artifacts) {
     auto* added = message.add_artifacts();
     added->set_name(artifact.name);
@@ -165,6 +191,17 @@ v1::RegistrationJob to_message(const JobView& view) {
   if (job.started) set_time(*job.started, *message.mutable_start_time());
   if (job.ended) set_time(*job.ended, *message.mutable_end_time());
   message.set_queue_position(view.queue_position);
+  message.set_submitter(job.submitter);
+  message.set_priority(to_priority(job.priority));
+  if (job.memory_bytes > 0 || job.limits != JobLimits{}) set_resources(job, *message.mutable_resources());
+  if (job.last_loss) set_failure(*job.last_loss, *message.mutable_last_loss());
+  if (job.not_before) set_time(*job.not_before, *message.mutable_not_before());
+  if (view.estimated_start) set_time(*view.estimated_start, *message.mutable_estimated_start_time());
+  if (job.checkpoint) {
+    message.mutable_checkpoint()->set_attempt(job.checkpoint->attempt);
+    message.mutable_checkpoint()->set_level(job.checkpoint->level);
+    message.mutable_checkpoint()->set_iteration(job.checkpoint->iteration);
+  }
   return message;
 }
 
@@ -178,6 +215,11 @@ NewJob from_message(const v1::CreateRegistrationJobRequest& request, std::string
   job.spec = stable_bytes(request.spec());
   job.labels.insert(request.labels().begin(), request.labels().end());
   job.threads = request.spec().threads();
+  job.priority = from_priority(request.priority());
+  job.memory_bytes = request.resources().memory_bytes();
+  job.limits.wall_seconds = request.resources().wall_seconds_limit();
+  job.limits.cpu_seconds = request.resources().cpu_seconds_limit();
+  job.limits.memory_bytes = request.resources().memory_bytes_limit();
   const v1::RegistrationSpec& spec = request.spec();
   const auto add = [&](bool is_set, const v1::InputFile& file) {
     if (is_set) job.inputs.push_back(file.digest());
@@ -189,6 +231,21 @@ NewJob from_message(const v1::CreateRegistrationJobRequest& request, std::string
   add(spec.has_fixed_points(), spec.fixed_points());
   add(spec.has_moving_points(), spec.moving_points());
   return job;
+}
+
+JobFilter from_message(const v1::ListRegistrationJobsRequest& request) {
+  JobFilter filter;
+  filter.state = from_message(request.state());
+  filter.labels.insert(request.labels().begin(), request.labels().end());
+  filter.submitter = request.submitter();
+  return filter;
+}
+
+std::string conditions_of(const v1::ListRegistrationJobsRequest& request) {
+  v1::ListRegistrationJobsRequest conditions = request;
+  conditions.clear_page_size();
+  conditions.clear_page_token();
+  return stable_bytes(conditions);
 }
 
 Outcome from_message(const v1::CompleteJobRequest& request) {

@@ -21,6 +21,9 @@ JobProgress from_message(const v1::JobProgress& progress);
 
 /// Without its request_hash, which takes a fingerprint of `content`: the same bytes for the same request.
 NewJob from_message(const v1::CreateRegistrationJobRequest& request, std::string& content);
+JobFilter from_message(const v1::ListRegistrationJobsRequest& request);
+/// The same bytes for the same conditions.
+std::string conditions_of(const v1::ListRegistrationJobsRequest& request);
 Outcome from_message(const v1::CompleteJobRequest& request);
 Checkpoint from_message(const v1::Checkpoint& message);
 v1::AcquireLeaseResponse to_message(const LeaseGrant& grant);

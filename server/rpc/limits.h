@@ -14,6 +14,7 @@ constexpr std::int64_t kBlobBytes = std::int64_t{8} << 30;
 constexpr std::int64_t kVoxels = std::int64_t{1} << 31;
 
 constexpr int kQueuedJobs = 10000;
+constexpr int kBatchJobs = 100;
 constexpr int kDefaultPage = 50;
 constexpr int kLargestPage = 1000;
 constexpr int kDigestsPerCall = 1000;
@@ -32,6 +33,8 @@ constexpr std::size_t kLabelValueBytes = 256;
 constexpr int kSettings = 256;
 constexpr int kArtifacts = 64;
 constexpr int kThreads = 256;
+constexpr std::int64_t kMemoryBytes = std::int64_t{1} << 50;
+constexpr std::int64_t kLimitSeconds = 366 * 24 * 3600;
 
 constexpr int kMinPingIntervalMilliseconds = 10000;
 

@@ -14,6 +14,7 @@ constexpr auto All = Scope::All;
 constexpr MethodRule kRules[] = {
     // method                                               reader submitter worker admin  change
     {"/saltus.v1.RegistrationService/CreateRegistrationJob", None, Own, None, All, true},
+    {"/saltus.v1.RegistrationService/BatchCreateRegistrationJobs", None, Own, None, All, true},
     {"/saltus.v1.RegistrationService/GetRegistrationJob", All, Own, None, All, false},
     {"/saltus.v1.RegistrationService/ListRegistrationJobs", All, Own, None, All, false},
     {"/saltus.v1.RegistrationService/CancelRegistrationJob", None, Own, None, All, true},

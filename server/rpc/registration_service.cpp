@@ -16,28 +16,10 @@
 namespace saltus::server {
 namespace {
 
-/// "<state>-<sequence>": where the next page begins, bound to the filter it was made for.
-std::string make_page_token(v1::JobState state, std::int64_t before) {
-  return std::to_string(static_cast<int>(state)) + "-" + std::to_string(before);
-}
-
-std::int64_t parse_page_token(const std::string& token, v1::JobState state) {
-  if (token.empty()) return std::numeric_limits<std::int64_t>::max();
-  const std::string prefix = std::to_string(static_cast<int>(state)) + "-";
-  std::int64_t before = 0;
-  if (token.starts_with(prefix)) {
-    const char* end = token.data() + token.size();
-    const auto parsed = std::from_chars(token.data() + prefix.size(), end, before);
-    if (parsed.ec == std::errc() && parsed.ptr == end && before > 0) return before;
-  }
-  throw Refusal(RefusalKind::InvalidArgument, "BAD_PAGE_TOKEN",
-                "page_token is not one that this list has given; begin again without page_token");
-}
+// Enough of a fingerprint to tell one list from another.
+constexpr std::size_t kConditionDigits = 16;
 
 int page_size_of(const v1::ListRegistrationJobsRequest& request) {
-  if (request.page_size() < 0)
-    throw InvalidInput("page_size is " + std::to_string(request.page_size()) + "; it must be 0 (for " +
-                       std::to_string(limits::kDefaultPage) + ") or more");
   return request.page_size() == 0 ? limits::kDefaultPage : std::min(request.page_size(), limits::kLargestPage);
 }
 
@@ -57,6 +39,31 @@ void RegistrationServiceImpl::require_own(const std::string& id, const std::opti
   if (owner) require_owner(jobs_.get(id).job, *owner);
 }
 
+NewJob RegistrationServiceImpl::new_job(const grpc::CallbackServerContext& context,
+                                        const v1::CreateRegistrationJobRequest& request) const {
+  std::string content;
+  NewJob job = from_message(request, content);
+  job.submitter = authorisation_.caller_of(context).identity;
+  job.request_hash = ids_.fingerprint(content);
+  return job;
+}
+
+// "<sequence>-<fingerprint of the conditions>": where the next page begins, of the list it was made for.
+std::string RegistrationServiceImpl::make_page_token(const v1::ListRegistrationJobsRequest& request,
+                                                     std::int64_t before) const {
+  return std::to_string(before) + "-" + ids_.fingerprint(conditions_of(request)).substr(0, kConditionDigits);
+}
+
+std::int64_t RegistrationServiceImpl::parse_page_token(const v1::ListRegistrationJobsRequest& request) const {
+  const std::string& token = request.page_token();
+  if (token.empty()) return std::numeric_limits<std::int64_t>::max();
+  std::int64_t before = 0;
+  const auto parsed = std::from_chars(token.data(), token.data() + token.size(), before);
+  if (parsed.ec == std::errc() && before > 0 && token == make_page_token(request, before)) return before;
+  throw Refusal(RefusalKind::InvalidArgument, "BAD_PAGE_TOKEN",
+                "page_token is not one that a list with these conditions has given; begin again without page_token");
+}
+
 grpc::ServerUnaryReactor* RegistrationServiceImpl::CreateRegistrationJob(
     grpc::CallbackServerContext* context, const v1::CreateRegistrationJobRequest* request,
     v1::RegistrationJob* response) {
@@ -64,13 +71,25 @@ grpc::ServerUnaryReactor* RegistrationServiceImpl::CreateRegistrationJob(
       pool_, context,
       [this, context, request](const Reply<JobView>& reply) {
         validate(*request);
-        std::string content;
-        NewJob job = from_message(*request, content);
-        job.submitter = authorisation_.caller_of(*context).identity;
-        job.request_hash = ids_.fingerprint(content);
-        jobs_.submit(job, reply);
+        jobs_.submit(new_job(*context, *request), reply);
       },
       [response](const JobView& view) { *response = to_message(view); });
+}
+
+grpc::ServerUnaryReactor* RegistrationServiceImpl::BatchCreateRegistrationJobs(
+    grpc::CallbackServerContext* context, const v1::BatchCreateRegistrationJobsRequest* request,
+    v1::BatchCreateRegistrationJobsResponse* response) {
+  return answer_by_reply<std::vector<JobView>>(
+      pool_, context,
+      [this, context, request](const Reply<std::vector<JobView>>& reply) {
+        validate(*request);
+        std::vector<NewJob> jobs;
+        for (const auto& one : request->requests()) jobs.push_back(new_job(*context, one));
+        jobs_.submit_all(jobs, reply);
+      },
+      [response](const std::vector<JobView>& views) {
+        for (const JobView& view : views) *response->add_jobs() = to_message(view);
+      });
 }
 
 grpc::ServerUnaryReactor* RegistrationServiceImpl::GetRegistrationJob(grpc::CallbackServerContext* context,
@@ -88,30 +107,30 @@ grpc::ServerUnaryReactor* RegistrationServiceImpl::ListRegistrationJobs(grpc::Ca
                                                                         const v1::ListRegistrationJobsRequest* request,
                                                                         v1::ListRegistrationJobsResponse* response) {
   return answer_from_pool(pool_, context, [this, context, request, response] {
-    const auto submitter = owner(*context, "ListRegistrationJobs");
-    const int page_size = page_size_of(*request);
-    const auto state = from_message(request->state());
-    if (!state && request->state() != v1::JOB_STATE_UNSPECIFIED)
-      throw InvalidInput("state is " + std::to_string(static_cast<int>(request->state())) +
-                         "; it must be a JobState, or unspecified for all");
-    const std::int64_t before = parse_page_token(request->page_token(), request->state());
+    validate(*request);
+    v1::ListRegistrationJobsRequest wanted = *request;
+    if (const auto submitter = owner(*context, "ListRegistrationJobs")) {
+      if (!wanted.submitter().empty() && wanted.submitter() != *submitter) return;
+      wanted.set_submitter(*submitter);
+    }
+    const int page_size = page_size_of(wanted);
+    const std::int64_t before = parse_page_token(wanted);
     // One more than asked for tells whether there is a next page.
-    auto views = jobs_.list(state, before, page_size + 1);
+    auto views = jobs_.list(from_message(wanted), before, page_size + 1);
     const bool has_more = static_cast<int>(views.size()) > page_size;
     if (has_more) views.pop_back();
     std::size_t bytes = 0;
     for (const JobView& view : views) {
-      if (submitter && view.job.submitter != *submitter) continue;
       v1::RegistrationJob job = to_message(view);
       bytes += job.ByteSizeLong();
       // Jobs with long specifications make a shorter page: an answer must fit into a message.
       if (response->jobs_size() > 0 && bytes > static_cast<std::size_t>(limits::kMessageBytes) / 2) {
-        response->set_next_page_token(make_page_token(request->state(), view.job.sequence + 1));
+        response->set_next_page_token(make_page_token(wanted, view.job.sequence + 1));
         return;
       }
       *response->add_jobs() = std::move(job);
     }
-    if (has_more) response->set_next_page_token(make_page_token(request->state(), views.back().job.sequence));
+    if (has_more) response->set_next_page_token(make_page_token(wanted, views.back().job.sequence));
   });
 }
 

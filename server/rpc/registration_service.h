@@ -20,6 +20,9 @@ class RegistrationServiceImpl final : public v1::RegistrationService::CallbackSe
 
   grpc::ServerUnaryReactor* CreateRegistrationJob(grpc::CallbackServerContext*, const v1::CreateRegistrationJobRequest*,
                                                   v1::RegistrationJob*) override;
+  grpc::ServerUnaryReactor* BatchCreateRegistrationJobs(grpc::CallbackServerContext*,
+                                                        const v1::BatchCreateRegistrationJobsRequest*,
+                                                        v1::BatchCreateRegistrationJobsResponse*) override;
   grpc::ServerUnaryReactor* GetRegistrationJob(grpc::CallbackServerContext*, const v1::GetRegistrationJobRequest*,
                                                v1::RegistrationJob*) override;
   grpc::ServerUnaryReactor* ListRegistrationJobs(grpc::CallbackServerContext*, const v1::ListRegistrationJobsRequest*,
@@ -36,6 +39,9 @@ class RegistrationServiceImpl final : public v1::RegistrationService::CallbackSe
   std::optional<std::string> owner(const grpc::CallbackServerContext& context, const char* method) const;
   /// Answers as if the job did not exist when it is not `owner`'s. Blocks.
   void require_own(const std::string& id, const std::optional<std::string>& owner);
+  NewJob new_job(const grpc::CallbackServerContext& context, const v1::CreateRegistrationJobRequest& request) const;
+  std::string make_page_token(const v1::ListRegistrationJobsRequest& request, std::int64_t before) const;
+  std::int64_t parse_page_token(const v1::ListRegistrationJobsRequest& request) const;
 
   JobManager& jobs_;
   const IdSource& ids_;

@@ -5,6 +5,8 @@
 #include "server/rpc/unary_call.h"
 #include "server/rpc/validate_request.h"
 
+#include <limits>
+
 namespace saltus::server {
 
 grpc::ServerUnaryReactor* ServerInfoServiceImpl::GetServerInfo(grpc::CallbackServerContext* context,
@@ -22,6 +24,10 @@ grpc::ServerUnaryReactor* ServerInfoServiceImpl::GetServerInfo(grpc::CallbackSer
     info->set_queued_jobs(jobs_.queued_jobs());
     info->set_running_jobs(jobs_.running_jobs());
     info->set_worker_slots(jobs_.slots());
+    const int threads = jobs_.budget().threads;
+    info->set_thread_budget(threads == std::numeric_limits<int>::max() ? 0 : threads);
+    info->set_memory_budget_bytes(jobs_.counts_memory() ? jobs_.budget().memory_bytes : 0);
+    info->set_max_batch_jobs(limits::kBatchJobs);
   });
 }
 

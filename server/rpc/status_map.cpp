@@ -1,7 +1,10 @@
 #include "server/rpc/status_map.h"
 
 #include "core/support/errors.h"
+#include "server/jobs/input_refusal.h"
 #include "server/jobs/refusal.h"
+#include "server/rpc/invalid_field.h"
+#include "server/rpc/status_details.h"
 
 #include <atomic>
 #include <cstdio>
@@ -39,11 +42,53 @@ grpc::StatusCode code_of(RefusalKind kind) {
   return grpc::StatusCode::INTERNAL;
 }
 
-grpc::Status fault(const std::string& what, grpc::CallbackServerContext& context) {
+StatusDetails fault(const std::string& what) {
   const std::string number = std::to_string(++fault_count);
   fault_log.load()("internal fault " + number + ": " + what);
-  context.AddTrailingMetadata(kReasonKey, "INTERNAL");
-  return {grpc::StatusCode::INTERNAL, "internal fault " + number + " of the daemon; its log says more"};
+  StatusDetails details;
+  details.code = grpc::StatusCode::INTERNAL;
+  details.reason = "INTERNAL";
+  details.message = "internal fault " + number + " of the daemon; its log says more";
+  return details;
+}
+
+StatusDetails details_of(const Refusal& refusal) {
+  StatusDetails details;
+  details.code = code_of(refusal.kind());
+  details.reason = refusal.reason();
+  details.message = refusal.what();
+  details.retry_after = refusal.retry_after();
+  return details;
+}
+
+StatusDetails details_of(const InvalidInput& invalid) {
+  StatusDetails details;
+  details.code = grpc::StatusCode::INVALID_ARGUMENT;
+  details.reason = "INVALID_FIELD";
+  details.message = invalid.what();
+  return details;
+}
+
+StatusDetails details_of(std::exception_ptr error) {
+  try {
+    std::rethrow_exception(error);
+  } catch (const MissingInputs& missing) {
+    StatusDetails details = details_of(static_cast<const Refusal&>(missing));
+    details.missing = missing.digests();
+    return details;
+  } catch (const Refusal& refusal) {
+    return details_of(refusal);
+  } catch (const InvalidField& invalid) {
+    StatusDetails details = details_of(static_cast<const InvalidInput&>(invalid));
+    details.invalid_field.emplace(invalid.field(), invalid.what());
+    return details;
+  } catch (const InvalidInput& invalid) {
+    return details_of(invalid);
+  } catch (const std::exception& other) {
+    return fault(other.what());
+  } catch (...) {
+    return fault("unknown exception");
+  }
 }
 
 }  // namespace
@@ -52,20 +97,10 @@ void set_fault_log(void (*log)(const std::string& line)) { fault_log = log; }
 
 grpc::Status status_of(std::exception_ptr error, grpc::CallbackServerContext& context) {
   if (!error) return grpc::Status::OK;
-  try {
-    std::rethrow_exception(error);
-  } catch (const Refusal& refusal) {
-    context.AddTrailingMetadata(kReasonKey, refusal.reason());
-    if (refusal.retry_after()) context.AddTrailingMetadata(kRetryKey, std::to_string(refusal.retry_after()->count()));
-    return {code_of(refusal.kind()), refusal.what()};
-  } catch (const InvalidInput& invalid) {
-    context.AddTrailingMetadata(kReasonKey, "INVALID_FIELD");
-    return {grpc::StatusCode::INVALID_ARGUMENT, invalid.what()};
-  } catch (const std::exception& other) {
-    return fault(other.what(), context);
-  } catch (...) {
-    return fault("unknown exception", context);
-  }
+  const StatusDetails details = details_of(error);
+  context.AddTrailingMetadata(kReasonKey, details.reason);
+  if (details.retry_after) context.AddTrailingMetadata(kRetryKey, std::to_string(details.retry_after->count()));
+  return {static_cast<grpc::StatusCode>(details.code), details.message, encode(details)};
 }
 
 }  // namespace saltus::server

@@ -2,6 +2,7 @@
 
 #include "core/registration/options.h"
 #include "core/support/errors.h"
+#include "server/rpc/invalid_field.h"
 #include "server/rpc/limits.h"
 
 #include <algorithm>
@@ -31,7 +32,7 @@ std::string shown(std::string_view text) {
 }
 
 [[noreturn]] void refuse(const std::string& field, const std::string& value, const std::string& way_out) {
-  throw InvalidInput(field + " is " + value + "; " + way_out);
+  throw InvalidField(field, field + " is " + value + "; " + way_out);
 }
 
 std::string joined(const std::vector<std::string>& words) {
@@ -162,6 +163,21 @@ void check_labels(const google::protobuf::Map<std::string, std::string>& labels)
   }
 }
 
+void check_number(const std::string& field, std::int64_t value, std::int64_t most) {
+  if (value < 0 || value > most)
+    refuse(field, std::to_string(value), "it must be 0 (not said) to " + std::to_string(most));
+}
+
+void check_scheduling(const v1::CreateRegistrationJobRequest& request) {
+  if (!v1::JobPriority_IsValid(request.priority()))
+    refuse("priority", std::to_string(static_cast<int>(request.priority())), "it must be low, normal or high");
+  const v1::JobResources& resources = request.resources();
+  check_number("resources.memory_bytes", resources.memory_bytes(), limits::kMemoryBytes);
+  check_number("resources.memory_bytes_limit", resources.memory_bytes_limit(), limits::kMemoryBytes);
+  check_number("resources.wall_seconds_limit", resources.wall_seconds_limit(), limits::kLimitSeconds);
+  check_number("resources.cpu_seconds_limit", resources.cpu_seconds_limit(), limits::kLimitSeconds);
+}
+
 }  // namespace
 
 const std::vector<std::string>& image_formats() { return kImageFormats; }
@@ -171,6 +187,7 @@ void validate(const v1::CreateRegistrationJobRequest& request) {
     refuse("request_id", shown(request.request_id()),
            "it must have at most " + std::to_string(limits::kRequestIdBytes) + " printable ASCII characters");
   check_labels(request.labels());
+  check_scheduling(request);
   if (!request.has_spec()) throw InvalidInput("spec is not set; say which images to register");
   const v1::RegistrationSpec& spec = request.spec();
   check_inputs(spec);
@@ -180,6 +197,33 @@ void validate(const v1::CreateRegistrationJobRequest& request) {
   if (!spec.output_format().empty() &&
       std::find(kOutputFormats.begin(), kOutputFormats.end(), spec.output_format()) == kOutputFormats.end())
     refuse("spec.output_format", shown(spec.output_format()), "it must be one of " + joined(kOutputFormats));
+}
+
+void validate(const v1::BatchCreateRegistrationJobsRequest& request) {
+  if (request.requests_size() < 1 || request.requests_size() > limits::kBatchJobs)
+    refuse("requests", "a list of " + std::to_string(request.requests_size()),
+           "it must have 1 to " + std::to_string(limits::kBatchJobs) + " jobs");
+  for (int i = 0; i < request.requests_size(); ++i) {
+    try {
+      validate(request.requests(i));
+    } catch (const InvalidField& error) {
+      const std::string place = "requests[" + std::to_string(i) + "]";
+      throw InvalidField(place + "." + error.field(), place + ": " + error.what());
+    } catch (const InvalidInput& error) {
+      const std::string place = "requests[" + std::to_string(i) + "]";
+      throw InvalidField(place, place + ": " + error.what());
+    }
+  }
+}
+
+void validate(const v1::ListRegistrationJobsRequest& request) {
+  if (request.page_size() < 0)
+    refuse("page_size", std::to_string(request.page_size()),
+           "it must be 0 (for " + std::to_string(limits::kDefaultPage) + ") or more");
+  if (!v1::JobState_IsValid(request.state()))
+    refuse("state", std::to_string(static_cast<int>(request.state())), "it must be a JobState, or unspecified for all");
+  check_labels(request.labels());
+  check_word("submitter", request.submitter());
 }
 
 void validate(const v1::FindMissingBlobsRequest& request) {

@@ -11,6 +11,8 @@
 namespace saltus::server {
 
 void validate(const v1::CreateRegistrationJobRequest& request);
+void validate(const v1::BatchCreateRegistrationJobsRequest& request);
+void validate(const v1::ListRegistrationJobsRequest& request);
 void validate(const v1::FindMissingBlobsRequest& request);
 void validate(const v1::ReadBlobRequest& request);
 void validate(const v1::PutCheckpointRequest& request);

@@ -104,7 +104,7 @@ class WatchStream final : public grpc::ServerWriteReactor<Response>, public std:
       switch (event->kind) {
         case Subscription::Event::Kind::Changed:
           if (event->job.revision <= view_.job.revision) continue;  // the snapshot had it already
-          view_ = {std::move(event->job), std::nullopt, 0};
+          view_ = jobs_.view(event->job);
           break;
         case Subscription::Event::Kind::Progressed:
           if (!is_held(view_.job.state)) continue;

@@ -108,6 +108,7 @@ DROP TABLE job;
 ALTER TABLE new_job RENAME TO job;
 CREATE INDEX job_by_state ON job (state, sequence);
 CREATE INDEX job_by_submitter ON job (submitter, sequence);
+CREATE INDEX queued_by_submitter ON job (submitter) WHERE state = 0;
 CREATE INDEX label_by_value ON label (name, value, job);
 CREATE TABLE checkpoint (
   job INTEGER PRIMARY KEY REFERENCES job ON DELETE CASCADE,

@@ -36,6 +36,8 @@ void bind_failure(Query& query, const std::optional<JobFailure>& failure) {
     query.bind_null().bind_null();
 }
 
+static_assert(static_cast<int>(JobState::Queued) == 0);  // in SQL and in the index of queued jobs
+
 std::int64_t number(JobState state) { return static_cast<std::int64_t>(state); }
 
 // Of a row of the table blob. Whatever refers to blobs stands here.
@@ -138,36 +140,55 @@ std::optional<JobRecord> SqliteJobTable::find_request(const std::string& submitt
   return first(query);
 }
 
-std::optional<JobRecord> SqliteJobTable::next_queued() {
-  Query query = database_.query(SALTUS_JOB_COLUMNS "WHERE state = ? ORDER BY sequence LIMIT 1");
-  query.bind(number(JobState::Queued));
-  return first(query);
-}
-
-std::vector<JobRecord> SqliteJobTable::list(std::optional<JobState> state, std::int64_t before, int limit) {
+std::vector<JobRecord> SqliteJobTable::list(const JobFilter& filter, std::int64_t before, int limit) {
+  // One text for each combination of conditions that has an index of its own; the other labels are looked up.
+  std::string sql = SALTUS_JOB_COLUMNS "WHERE sequence < ?";
+  if (filter.state) sql += " AND state = ?";
+  if (!filter.submitter.empty()) sql += " AND submitter = ?";
+  for (std::size_t i = 0; i < filter.labels.size(); ++i)
+    sql += " AND sequence IN (SELECT job FROM label WHERE name = ? AND value = ?)";
+  sql += " ORDER BY sequence DESC LIMIT ?";
   std::vector<JobRecord> jobs;
-  const auto collect = [&](Query& query) {
-    query.bind(before).bind(limit);
+  {
+    Query query = database_.query(sql.c_str());
+    query.bind(before);
+    if (filter.state) query.bind(number(*filter.state));
+    if (!filter.submitter.empty()) query.bind(filter.submitter);
+    for (const auto& [name, value] : filter.labels) query.bind(name).bind(value);
+    query.bind(limit);
     while (query.step()) jobs.push_back(record(query));
-  };
-  if (state) {
-    Query query = database_.query(SALTUS_JOB_COLUMNS "WHERE state = ? AND sequence < ? ORDER BY sequence DESC LIMIT ?");
-    query.bind(number(*state));
-    collect(query);
-  } else {
-    Query query = database_.query(SALTUS_JOB_COLUMNS "WHERE sequence < ? ORDER BY sequence DESC LIMIT ?");
-    collect(query);
   }
   for (JobRecord& job : jobs) read_lists(job);
   return jobs;
 }
 
-std::vector<std::int64_t> SqliteJobTable::queued_up_to(std::int64_t last) {
-  Query query = database_.query("SELECT sequence FROM job WHERE state = ? AND sequence <= ? ORDER BY sequence");
-  query.bind(number(JobState::Queued)).bind(last);
-  std::vector<std::int64_t> sequences;
-  while (query.step()) sequences.push_back(query.integer());
-  return sequences;
+std::vector<JobRecord> SqliteJobTable::queued() {
+  Query query = database_.query(
+      "SELECT sequence, id, submitter, priority, threads, memory_bytes, created, not_before, attempt FROM job "
+      "WHERE state = ? ORDER BY sequence");
+  query.bind(number(JobState::Queued));
+  std::vector<JobRecord> jobs;
+  while (query.step()) {
+    JobRecord job;
+    job.sequence = query.integer();
+    job.id = query.text();
+    job.submitter = query.text();
+    job.priority = static_cast<int>(query.integer());
+    job.threads = static_cast<int>(query.integer());
+    job.memory_bytes = query.integer();
+    job.created = wall_time(query.integer());
+    job.not_before = optional_time(query);
+    job.attempt = static_cast<int>(query.integer());
+    jobs.push_back(std::move(job));
+  }
+  return jobs;
+}
+
+int SqliteJobTable::count_queued_of(const std::string& submitter) {
+  Query query = database_.query("SELECT count(*) FROM job WHERE state = 0 AND submitter = ?");
+  query.bind(submitter);
+  query.step();
+  return static_cast<int>(query.integer());
 }
 
 int SqliteJobTable::count(JobState state) {

@@ -11,9 +11,10 @@ class SqliteJobTable final : public JobTable {
   explicit SqliteJobTable(Database& database) : database_(database) {}
 
   std::optional<JobRecord> find(const std::string& id) override;
-  std::vector<JobRecord> list(std::optional<JobState> state, std::int64_t before, int limit) override;
-  std::vector<std::int64_t> queued_up_to(std::int64_t last) override;
+  std::vector<JobRecord> list(const JobFilter& filter, std::int64_t before, int limit) override;
+  std::vector<JobRecord> queued() override;
   int count(JobState state) override;
+  int count_queued_of(const std::string& submitter) override;
   std::optional<std::int64_t> blob_size(const std::string& digest) override;
   std::vector<BlobRow> blobs_after(const std::string& after, int limit) override;
   std::vector<BlobRow> unreferenced_since(WallTime before, int limit) override;
@@ -21,7 +22,6 @@ class SqliteJobTable final : public JobTable {
   std::vector<std::string> ended_before(WallTime before, int limit) override;
 
   std::optional<JobRecord> find_request(const std::string& submitter, const std::string& request_id) override;
-  std::optional<JobRecord> next_queued() override;
   void insert(JobRecord& job) override;
   void update(JobRecord& job) override;
   void erase(const std::string& id) override;

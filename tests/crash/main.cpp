@@ -122,13 +122,13 @@ class Harness {
     const std::string socket = (folder_ / "socket").string();
     std::map<std::string, std::string> variables{{"OMP_NUM_THREADS", "1"}};
     variables.insert(environment.begin(), environment.end());
-    daemon_.emplace(
-        std::vector<std::string>{programs_ / "saltusd-failpoints", "--data", folder_ / "data", "--listen",
-                                 "unix:" + socket, "--worker", programs_ / "saltus-fake-worker", "--slots", "4",
-                                 "--threads-per-job", "1", "--lease-seconds", "3", "--checkpoint-seconds", "0.001",
-                                 // Nobody reads what it prints meanwhile.
-                                 "--log-level", "warning"},
-        variables);
+    daemon_.emplace(std::vector<std::string>{programs_ / "saltusd-failpoints", "--data", folder_ / "data", "--listen",
+                                             "unix:" + socket, "--worker", programs_ / "saltus-fake-worker", "--slots",
+                                             "4", "--threads-per-job", "1", "--lease-seconds", "3",
+                                             "--checkpoint-seconds", "0.001", "--retry-seconds", "0.05",
+                                             // Nobody reads what it prints meanwhile.
+                                             "--log-level", "warning"},
+                    variables);
     daemon_->wait_for_output("listening on");
     address_ = "unix:" + socket;
   }

@@ -265,7 +265,7 @@ TEST_F(ServerTest, AJobOutlivesAKilledDaemon) {
 /// A daemon whose workers make checkpoints as often as they can.
 class CheckpointTest : public ServerTest {
  protected:
-  CheckpointTest() { daemon_options = {"--checkpoint-seconds", "0.001"}; }
+  CheckpointTest() { daemon_options = {"--checkpoint-seconds", "0.001", "--retry-seconds", "0"}; }
 
   pid_t only_worker() const {
     const auto workers = daemon->children();
@@ -326,7 +326,9 @@ TEST_F(CheckpointTest, WhatIsKilledGoesOnFromItsCheckpointToTheSameBits) {
 
 class ShortLeaseTest : public CheckpointTest {
  protected:
-  ShortLeaseTest() { daemon_options = {"--checkpoint-seconds", "0.001", "--lease-seconds", "1"}; }
+  ShortLeaseTest() {
+    daemon_options = {"--checkpoint-seconds", "0.001", "--lease-seconds", "1", "--retry-seconds", "0"};
+  }
 };
 
 TEST_F(ShortLeaseTest, AWorkerThatStandsStillIsEndedAndAnotherGoesOn) {

@@ -56,17 +56,30 @@ class MemoryTable final : public server::JobTable {
       if (job.id == id) return job;
     return std::nullopt;
   }
-  std::vector<JobRecord> list(std::optional<JobState> state, std::int64_t before, int limit) override {
+  std::vector<JobRecord> list(const server::JobFilter& filter, std::int64_t before, int limit) override {
+    const auto is_wanted = [&](const JobRecord& job) {
+      if (filter.state && job.state != *filter.state) return false;
+      if (!filter.submitter.empty() && job.submitter != filter.submitter) return false;
+      return std::all_of(filter.labels.begin(), filter.labels.end(), [&](const auto& label) {
+        const auto found = job.labels.find(label.first);
+        return found != job.labels.end() && found->second == label.second;
+      });
+    };
     std::vector<JobRecord> found;
     for (auto it = jobs_.rbegin(); it != jobs_.rend() && static_cast<int>(found.size()) < limit; ++it)
-      if (it->first < before && (!state || it->second.state == *state)) found.push_back(it->second);
+      if (it->first < before && is_wanted(it->second)) found.push_back(it->second);
     return found;
   }
-  std::vector<std::int64_t> queued_up_to(std::int64_t last) override {
-    std::vector<std::int64_t> found;
+  std::vector<JobRecord> queued() override {
+    std::vector<JobRecord> found;
     for (const auto& [sequence, job] : jobs_)
-      if (sequence <= last && job.state == JobState::Queued) found.push_back(sequence);
+      if (job.state == JobState::Queued) found.push_back(job);
     return found;
+  }
+  int count_queued_of(const std::string& submitter) override {
+    return static_cast<int>(std::count_if(jobs_.begin(), jobs_.end(), [&](const auto& entry) {
+      return entry.second.state == JobState::Queued && entry.second.submitter == submitter;
+    }));
   }
   int count(JobState state) override {
     return static_cast<int>(
@@ -79,11 +92,6 @@ class MemoryTable final : public server::JobTable {
   std::optional<JobRecord> find_request(const std::string& submitter, const std::string& request_id) override {
     for (const auto& [sequence, job] : jobs_)
       if (!request_id.empty() && job.submitter == submitter && job.request_id == request_id) return job;
-    return std::nullopt;
-  }
-  std::optional<JobRecord> next_queued() override {
-    for (const auto& [sequence, job] : jobs_)
-      if (job.state == JobState::Queued) return job;
     return std::nullopt;
   }
   void insert(JobRecord& job) override {

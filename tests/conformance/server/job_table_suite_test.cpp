@@ -123,7 +123,7 @@ TYPED_TEST(JobTableSuite, ListsNewestFirstByStateAndFromAnyPlace) {
   this->insert("d");
   const auto ids = [&](std::optional<JobState> state, std::int64_t before, int limit) {
     std::vector<std::string> found;
-    for (const auto& job : this->read([&](JobReader& reader) { return reader.list(state, before, limit); }))
+    for (const auto& job : this->read([&](JobReader& reader) { return reader.list({.state = state}, before, limit); }))
       found.push_back(job.id);
     return found;
   };
@@ -139,10 +139,68 @@ TYPED_TEST(JobTableSuite, KnowsTheQueue) {
   const auto b = this->insert("b");
   const auto c = this->insert("c");
   EXPECT_EQ(this->read([](JobReader& reader) { return reader.count(JobState::Queued); }), 2);
-  EXPECT_THAT(this->read([&](JobReader& reader) { return reader.queued_up_to(b.sequence); }), ElementsAre(b.sequence));
-  EXPECT_THAT(this->read([&](JobReader& reader) { return reader.queued_up_to(c.sequence); }),
-              ElementsAre(b.sequence, c.sequence));
-  this->write([&](JobTable& table) { EXPECT_EQ(table.next_queued()->id, "b"); });
+  const auto queued = this->read([](JobReader& reader) { return reader.queued(); });
+  ASSERT_EQ(queued.size(), 2u);
+  EXPECT_EQ(queued[0].sequence, b.sequence);
+  EXPECT_EQ(queued[1].sequence, c.sequence);
+}
+
+TYPED_TEST(JobTableSuite, TheQueueTellsWhatChoosingTakes) {
+  JobRecord job;
+  job.id = "a";
+  job.submitter = "ann";
+  job.priority = kHighestPriority;
+  job.threads = 3;
+  job.memory_bytes = 5;
+  job.created = WallTime(std::chrono::milliseconds(7));
+  this->write([&](JobTable& table) {
+    table.insert(job);
+    job.attempt = 2;
+    job.not_before = WallTime(std::chrono::milliseconds(9));
+    table.update(job);
+  });
+  const auto queued = this->read([](JobReader& reader) { return reader.queued(); }).at(0);
+  EXPECT_EQ(queued.id, "a");
+  EXPECT_EQ(queued.submitter, "ann");
+  EXPECT_EQ(queued.priority, kHighestPriority);
+  EXPECT_EQ(queued.threads, 3);
+  EXPECT_EQ(queued.memory_bytes, 5);
+  EXPECT_EQ(queued.created, job.created);
+  EXPECT_EQ(queued.not_before, job.not_before);
+  EXPECT_EQ(queued.attempt, 2);
+  EXPECT_EQ(this->read([](JobReader& reader) { return reader.count_queued_of("ann"); }), 1);
+  EXPECT_EQ(this->read([](JobReader& reader) { return reader.count_queued_of("bob"); }), 0);
+}
+
+TYPED_TEST(JobTableSuite, AListFulfilsEveryCondition) {
+  const auto add = [&](const std::string& id, const std::string& submitter, std::map<std::string, std::string> labels,
+                       JobState state = JobState::Queued) {
+    JobRecord job;
+    job.id = id;
+    job.submitter = submitter;
+    job.labels = std::move(labels);
+    job.state = state;
+    this->write([&](JobTable& table) { table.insert(job); });
+  };
+  add("a", "ann", {{"case", "7"}, {"side", "left"}});
+  add("b", "bob", {{"case", "7"}, {"side", "right"}});
+  add("c", "ann", {{"case", "8"}, {"side", "left"}});
+  add("d", "ann", {{"case", "7"}, {"side", "left"}}, JobState::Failed);
+  const auto ids = [&](const JobFilter& filter, std::int64_t before = 1000, int limit = 10) {
+    std::vector<std::string> found;
+    for (const auto& job : this->read([&](JobReader& reader) { return reader.list(filter, before, limit); }))
+      found.push_back(job.id);
+    return found;
+  };
+  EXPECT_THAT(ids({.labels = {{"case", "7"}}}), ElementsAre("d", "b", "a"));
+  EXPECT_THAT(ids({.labels = {{"case", "7"}, {"side", "left"}}}), ElementsAre("d", "a"));
+  EXPECT_THAT(ids({.labels = {{"case", "7"}, {"side", "left"}}}, 4), ElementsAre("a"));
+  EXPECT_THAT(ids({.labels = {{"case", "7"}}}, 1000, 2), ElementsAre("d", "b"));
+  EXPECT_THAT(ids({.submitter = "ann"}), ElementsAre("d", "c", "a"));
+  EXPECT_THAT(ids({.state = JobState::Queued, .labels = {{"side", "left"}}, .submitter = "ann"}),
+              ElementsAre("c", "a"));
+  EXPECT_THAT(ids({.labels = {{"case", "9"}}}), IsEmpty());
+  EXPECT_THAT(ids({.labels = {{"none", ""}}}), IsEmpty());
 }
 
 TYPED_TEST(JobTableSuite, JobsWithoutRequestIdDoNotCollide) {

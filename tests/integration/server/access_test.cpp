@@ -117,9 +117,10 @@ TEST_F(Access, EachRoleMayCallWhatTheTableGivesItAndNothingElse) {
                                         "/grpc.health.v1.Health/Check",
                                         "/grpc.health.v1.Health/Watch"};
   std::set<std::string> submitter = reader;
-  submitter.insert({registration + "CreateRegistrationJob", registration + "CancelRegistrationJob",
-                    registration + "DeleteRegistrationJob", "/saltus.v1.BlobService/FindMissingBlobs",
-                    "/saltus.v1.BlobService/WriteBlob", "/saltus.v1.BlobService/QueryWriteStatus"});
+  submitter.insert({registration + "CreateRegistrationJob", registration + "BatchCreateRegistrationJobs",
+                    registration + "CancelRegistrationJob", registration + "DeleteRegistrationJob",
+                    "/saltus.v1.BlobService/FindMissingBlobs", "/saltus.v1.BlobService/WriteBlob",
+                    "/saltus.v1.BlobService/QueryWriteStatus"});
   std::set<std::string> admin = submitter;
   admin.insert(
       {"/saltus.v1.AdminService/Drain", "/saltus.v1.AdminService/CollectGarbage", "/saltus.v1.AdminService/Fsck"});

@@ -29,6 +29,8 @@ inline std::string reason_of(const grpc::ClientContext& context) { return traile
 /// A daemon in this process on a unix socket, with a launcher that starts nothing: the test speaks as the worker.
 class DaemonTest : public ::testing::Test {
  protected:
+  /// Lost jobs are tried again at once: the delay is tested on a clock that the test moves.
+  DaemonTest() { job_settings.queue.retry_delay = std::chrono::milliseconds(0); }
   ~DaemonTest() override { crash(); }
 
   void start(server::DaemonParts parts = {}) {

@@ -87,12 +87,16 @@ TEST_F(JobLife, TheSameRequestFromManyThreadsIsOneJob) {
   start();
   auto request = valid_request();
   request.set_request_id("0b6a4b1e-0000-4000-8000-000000000001");
-  constexpr int kThreads = 16;
+  constexpr int kThreads = 32;
   std::vector<v1::RegistrationJob> answers(kThreads);
   std::vector<std::thread> threads;
   for (auto& answer : answers) threads.emplace_back([&] { EXPECT_TRUE(create(request, answer).ok()); });
   for (auto& thread : threads) thread.join();
   for (const auto& answer : answers) EXPECT_EQ(answer.id(), answers[0].id());
+  grpc::ClientContext listing;
+  v1::ListRegistrationJobsResponse all;
+  ASSERT_TRUE(jobs->ListRegistrationJobs(&listing, {}, &all).ok());
+  EXPECT_EQ(all.jobs_size(), 1);
 
   (*request.mutable_labels())["case"] = "other";
   grpc::ClientContext context;

@@ -32,8 +32,11 @@ class Process : public testing_support::DaemonTest {
   /// With the test's own data, worker and one slot unless `arguments` says otherwise.
   ChildProcess run(std::vector<std::string> arguments = {}) {
     std::vector<std::string> command = {SALTUS_DAEMON};
-    const std::pair<std::string, std::string> defaults[] = {
-        {"--data", folder / "data"}, {"--worker", program}, {"--slots", "1"}, {"--disk-reserve", "0"}};
+    const std::pair<std::string, std::string> defaults[] = {{"--data", folder / "data"},
+                                                            {"--worker", program},
+                                                            {"--slots", "1"},
+                                                            {"--disk-reserve", "0"},
+                                                            {"--retry-seconds", "0"}};
     for (const auto& [option, value] : defaults)
       if (std::find(arguments.begin(), arguments.end(), option) == arguments.end())
         command.insert(command.end(), {option, value});

@@ -38,7 +38,6 @@ class JobManagerTest : public ::testing::Test {
   void make_manager() {
     manager.reset();
     launcher = std::make_unique<testing_support::FakeLauncher>();
-    ManagerSettings settings;
     settings.slots = slots;
     settings.default_threads = 4;
     manager = std::make_unique<JobManager>(
@@ -48,12 +47,34 @@ class JobManagerTest : public ::testing::Test {
   std::string submit(int threads = 0) {
     NewJob job;
     job.threads = threads;
+    return submit(job);
+  }
+  std::string submit(const NewJob& job) {
     std::string id;
     manager->submit(job, [&](std::exception_ptr error, const JobView& view) {
       ASSERT_FALSE(error);
       id = view.job.id;
     });
     return id;
+  }
+  /// The reason of the refusal, "" when the job was accepted.
+  std::string reason_for(const NewJob& job) {
+    try {
+      manager->submit(job, [](std::exception_ptr error, const JobView&) { ASSERT_FALSE(error); });
+    } catch (const Refusal& refusal) {
+      return refusal.reason();
+    }
+    return "";
+  }
+  /// The delay of every retry is over.
+  void wait_for_retry() {
+    clock.advance(20s);
+    settle();
+  }
+  std::vector<std::string> started_ids() {
+    std::vector<std::string> ids;
+    for (const auto& request : launcher->started()) ids.push_back(request.key.job_id);
+    return ids;
   }
   /// One tick decides, the next launches.
   void settle() {
@@ -83,6 +104,7 @@ class JobManagerTest : public ::testing::Test {
     return is_done;
   }
 
+  ManagerSettings settings;
   int slots = 1;
   int wakes = 0;
   testing_support::FakeClock clock;
@@ -122,6 +144,8 @@ TEST_F(JobManagerTest, ASilentWorkerLosesItsJobAndIsKilled) {
   clock.advance(30s);
   settle();
   EXPECT_THAT(launcher->killed(), Contains(worker.key));
+  launcher->end(worker.key, {WorkerExit::Kind::Signalled, 9});
+  wait_for_retry();
   EXPECT_EQ(launcher->started().back().key.attempt, 2);
   EXPECT_THROW(manager->heartbeat(worker.key, worker.token, {}), Refusal);
 }
@@ -204,7 +228,7 @@ TEST_F(JobManagerTest, AWorkerThatLingersAfterItsResultIsKilled) {
 TEST_F(JobManagerTest, AWorkerThatCannotBeStartedIsTriedThreeTimes) {
   launcher->refuse_starts = true;
   const auto id = submit();
-  for (int i = 0; i < 10; ++i) settle();
+  for (int i = 0; i < 10; ++i) wait_for_retry();
   const auto job = *store.table.find(id);
   EXPECT_EQ(job.state, JobState::Failed);
   EXPECT_EQ(job.attempt, 3);
@@ -219,6 +243,7 @@ TEST_F(JobManagerTest, ALossThatTheStoreCouldNotKeepIsTriedAgain) {
   store.refuse_writes = false;
   clock.advance(30s);
   settle();
+  wait_for_retry();
   EXPECT_EQ(launcher->started().back().key.attempt, 2);
 }
 
@@ -248,7 +273,7 @@ TEST_F(JobManagerTest, AfterARestartTheJobOfAVanishedWorkerIsQueuedAgain) {
   make_manager();
   manager->recover();
   EXPECT_EQ(state(worker.key.job_id), JobState::Queued);
-  settle();
+  wait_for_retry();
   EXPECT_EQ(launcher->started().back().key.attempt, 2);
   EXPECT_THROW(manager->heartbeat(worker.key, worker.token, {}), Refusal);
 }
@@ -267,6 +292,8 @@ TEST_F(JobManagerTest, AfterARestartAWorkerOfUnknownProcessHasOneLeaseToReport) 
     if (reports) manager->heartbeat(worker.key, worker.token, {});
     clock.advance(1s);
     settle();
+    EXPECT_EQ(state(worker.key.job_id), reports ? JobState::Running : JobState::Queued);
+    wait_for_retry();
     EXPECT_EQ(store.table.find(worker.key.job_id)->attempt, reports ? 1 : 2);
     if (reports) complete(worker, Delivered{});
   }
@@ -337,7 +364,7 @@ TEST_F(JobManagerTest, TellsTheirPlaceToQueuedJobs) {
   const auto third = submit();
   EXPECT_EQ(manager->get(second).queue_position, 1);
   EXPECT_EQ(manager->get(third).queue_position, 2);
-  const auto all = manager->list(std::nullopt, 1000, 10);
+  const auto all = manager->list({}, 1000, 10);
   ASSERT_EQ(all.size(), 3u);
   EXPECT_EQ(all[0].queue_position, 2);
   EXPECT_EQ(all[1].queue_position, 1);
@@ -355,7 +382,7 @@ TEST_F(JobManagerTest, OnlyTheLatestCheckpointIsKeptAndTheNextAttemptGetsIt) {
   EXPECT_THAT(bytes.removed, ElementsAre("sha256:1"));
 
   launcher->end(worker.key, {WorkerExit::Kind::Signalled, 11});
-  settle();
+  wait_for_retry();
   const auto second = launcher->started().back();
   EXPECT_EQ(second.key.attempt, 2);
   EXPECT_EQ(manager->acquire(second.key, second.token).checkpoint->digest, "sha256:2");
@@ -386,6 +413,287 @@ TEST_F(JobManagerTest, AQueuedJobThatIsCancelledOrDeletedTakesItsCheckpointAlong
     EXPECT_THAT(bytes.removed, Contains(digest));
     make_manager();
   }
+}
+
+TEST_F(JobManagerTest, ARetryWaitsAndThenStarts) {
+  const auto worker = submit_and_launch();
+  launcher->end(worker.key, {WorkerExit::Kind::Signalled, 11});
+  clock.advance(4999ms);
+  settle();
+  EXPECT_EQ(launcher->started().size(), 1u);
+  clock.advance(1ms);
+  settle();
+  EXPECT_EQ(launcher->started().size(), 2u);
+}
+
+TEST_F(JobManagerTest, AJobThatWaitsForItsRetryHoldsNobodyUp) {
+  const auto worker = submit_and_launch();
+  const auto other = submit();
+  launcher->end(worker.key, {WorkerExit::Kind::Signalled, 11});
+  settle();
+  EXPECT_THAT(started_ids(), ElementsAre(worker.key.job_id, other));
+}
+
+TEST_F(JobManagerTest, ARestartKeepsTheDelayOfARetry) {
+  const auto worker = submit_and_launch();
+  launcher->end(worker.key, {WorkerExit::Kind::Signalled, 11});
+  make_manager();
+  manager->recover();
+  clock.advance(4999ms);
+  settle();
+  EXPECT_THAT(launcher->started(), IsEmpty());
+  clock.advance(1ms);
+  settle();
+  EXPECT_EQ(launcher->started().size(), 1u);
+}
+
+TEST_F(JobManagerTest, HigherPrioritiesStartFirst) {
+  const auto running = submit_and_launch();
+  std::vector<std::string> ids;
+  for (const int priority : {kLowestPriority, kDefaultPriority, kHighestPriority}) {
+    NewJob job;
+    job.priority = priority;
+    ids.push_back(submit(job));
+  }
+  EXPECT_EQ(manager->get(ids[2]).queue_position, 1);
+  for (int i = 0; i < 3; ++i) {
+    complete(launcher->started().back(), Delivered{});
+    settle();
+  }
+  EXPECT_THAT(started_ids(), ElementsAre(running.key.job_id, ids[2], ids[1], ids[0]));
+}
+
+TEST_F(JobManagerTest, AJobThatDoesNotFitIntoTheMemoryWaits) {
+  slots = 4;
+  settings.memory_budget = 1000;
+  settings.default_memory = 100;
+  make_manager();
+  NewJob large;
+  large.memory_bytes = 600;
+  const auto first = submit(large);
+  const auto second = submit(large);
+  const auto small = submit();
+  settle();
+  EXPECT_THAT(started_ids(), ElementsAre(first, small));
+  complete(launcher->started()[0], Delivered{});
+  settle();
+  EXPECT_THAT(started_ids(), ElementsAre(first, small, second));
+}
+
+TEST_F(JobManagerTest, AJobThatDoesNotFitIntoTheThreadsWaits) {
+  slots = 4;
+  settings.thread_budget = 5;
+  make_manager();
+  const auto first = submit(3);
+  const auto second = submit(3);
+  const auto third = submit(2);
+  settle();
+  EXPECT_THAT(started_ids(), ElementsAre(first, third));
+  complete(launcher->started()[0], Delivered{});
+  settle();
+  EXPECT_THAT(started_ids(), ElementsAre(first, third, second));
+}
+
+TEST_F(JobManagerTest, AJobLargerThanTheWholeBudgetIsRefused) {
+  settings.memory_budget = 1000;
+  settings.thread_budget = 4;
+  make_manager();
+  NewJob job;
+  job.memory_bytes = 1001;
+  EXPECT_EQ(reason_for(job), "EXCEEDS_BUDGET");
+  job.memory_bytes = 1000;
+  job.threads = 5;
+  EXPECT_EQ(reason_for(job), "EXCEEDS_BUDGET");
+  job.threads = 4;
+  EXPECT_EQ(reason_for(job), "");
+}
+
+TEST_F(JobManagerTest, AJobThatASmallerBudgetWouldRefuseNowRunsAlone) {
+  NewJob job;
+  job.memory_bytes = 1 << 20;
+  const auto id = submit(job);
+  const auto other = submit();
+  slots = 2;
+  settings.memory_budget = 1000;
+  make_manager();
+  manager->recover();
+  settle();
+  EXPECT_THAT(started_ids(), ElementsAre(id));
+  complete(launcher->started()[0], Delivered{});
+  settle();
+  EXPECT_THAT(started_ids(), ElementsAre(id, other));
+}
+
+TEST_F(JobManagerTest, AnUnresponsiveWorkerHoldsItsMemoryUntilItIsGone) {
+  const auto worker = submit_and_launch();
+  const auto other = submit();
+  clock.advance(30s);
+  settle();
+  EXPECT_THAT(launcher->killed(), ElementsAre(worker.key));
+  EXPECT_THAT(started_ids(), ElementsAre(worker.key.job_id));
+  launcher->end(worker.key, {WorkerExit::Kind::Signalled, 9});
+  settle();
+  EXPECT_THAT(started_ids(), ElementsAre(worker.key.job_id, other));
+}
+
+TEST_F(JobManagerTest, AnAttemptThatStandsStillIsEndedAndTriedAgain) {
+  settings.stall_timeout = 60s;
+  make_manager();
+  const auto worker = submit_and_launch();
+  for (int i = 0; i < 12; ++i) {
+    EXPECT_THAT(launcher->terminated(), IsEmpty());
+    clock.advance(5s);
+    manager->heartbeat(worker.key, worker.token, {});
+    settle();
+  }
+  EXPECT_THAT(launcher->terminated(), ElementsAre(worker.key));
+  EXPECT_THAT(launcher->killed(), IsEmpty());
+  EXPECT_EQ(state(worker.key.job_id), JobState::Queued);
+  EXPECT_EQ(store.table.find(worker.key.job_id)->last_loss->reason, "STALLED");
+  EXPECT_THROW(manager->heartbeat(worker.key, worker.token, {}), Refusal);
+  clock.advance(5s);
+  settle();
+  EXPECT_THAT(launcher->killed(), ElementsAre(worker.key));
+  launcher->end(worker.key, {WorkerExit::Kind::Signalled, 9});
+  settle();
+  EXPECT_EQ(launcher->started().back().key.attempt, 2);
+  EXPECT_EQ(store.table.find(worker.key.job_id)->crashes, 0);
+}
+
+TEST_F(JobManagerTest, AnAttemptBeyondItsWallTimeFailsForGood) {
+  NewJob job;
+  job.limits.wall_seconds = 10;
+  const auto id = submit(job);
+  settle();
+  const auto worker = launcher->started().back();
+  clock.advance(9999ms);
+  settle();
+  EXPECT_EQ(state(id), JobState::Running);
+  clock.advance(1ms);
+  settle();
+  EXPECT_EQ(state(id), JobState::Failed);
+  EXPECT_EQ(store.table.find(id)->failure->reason, "WALL_TIME");
+  EXPECT_THAT(launcher->terminated(), ElementsAre(worker.key));
+  clock.advance(5s);
+  settle();
+  EXPECT_THAT(launcher->killed(), ElementsAre(worker.key));
+  launcher->end(worker.key, {WorkerExit::Kind::Signalled, 9});
+  EXPECT_EQ(state(id), JobState::Failed);
+}
+
+TEST_F(JobManagerTest, TheWallTimeGoesOnOverARestart) {
+  NewJob job;
+  job.limits.wall_seconds = 10;
+  const auto id = submit(job);
+  settle();
+  const auto worker = launcher->started().back();
+  clock.advance(6s);
+  make_manager();
+  launcher->adoptable.insert(worker.key);
+  manager->recover();
+  clock.advance(4s);
+  settle();
+  EXPECT_EQ(store.table.find(id)->failure->reason, "WALL_TIME");
+}
+
+TEST_F(JobManagerTest, AWorkerBeyondItsLimitsFailsTheJob) {
+  for (const bool is_memory : {false, true}) {
+    NewJob job;
+    job.limits = {.cpu_seconds = 100, .memory_bytes = 1000};
+    const auto id = submit(job);
+    settle();
+    const auto worker = launcher->started().back();
+    JobProgress progress;
+    progress.cpu_seconds = is_memory ? 1 : 101;
+    progress.memory_bytes = is_memory ? 1001 : 1;
+    manager->heartbeat(worker.key, worker.token, progress);
+    settle();
+    EXPECT_EQ(store.table.find(id)->failure->reason, is_memory ? "MEMORY_LIMIT" : "CPU_TIME");
+    launcher->end(worker.key, {WorkerExit::Kind::Exited, 5});
+    settle();
+  }
+}
+
+TEST_F(JobManagerTest, AWorkerThatTheKernelEndedForItsProcessorTimeIsNoCrash) {
+  for (const bool has_limit : {true, false}) {
+    NewJob job;
+    job.limits.cpu_seconds = has_limit ? 100 : 0;
+    const auto id = submit(job);
+    settle();
+    launcher->end(launcher->started().back().key, {WorkerExit::Kind::Signalled, 24});
+    const auto found = *store.table.find(id);
+    EXPECT_EQ(found.state, has_limit ? JobState::Failed : JobState::Queued);
+    if (has_limit) {
+      EXPECT_EQ(found.failure->reason, "CPU_TIME");
+    }
+    EXPECT_EQ(found.crashes, has_limit ? 0 : 1);
+    settle();
+  }
+}
+
+TEST_F(JobManagerTest, WhatCannotBeRecordedIsNotKilled) {
+  const auto worker = submit_and_launch();
+  store.refuse_writes = true;
+  clock.advance(30s);
+  settle();
+  EXPECT_THAT(launcher->killed(), IsEmpty());
+  store.refuse_writes = false;
+  clock.advance(30s);
+  settle();
+  EXPECT_THAT(launcher->killed(), ElementsAre(worker.key));
+}
+
+TEST_F(JobManagerTest, ABatchIsAcceptedWholeOrNotAtAll) {
+  settings.queue.max_queued = 3;
+  make_manager();
+  std::vector<JobView> views;
+  std::string reason;
+  const auto submit_all = [&](int count) {
+    manager->submit_all(std::vector<NewJob>(count), [&](std::exception_ptr error, const std::vector<JobView>& made) {
+      views = made;
+      reason.clear();
+      try {
+        if (error) std::rethrow_exception(error);
+      } catch (const Refusal& refusal) {
+        reason = refusal.reason();
+      }
+    });
+  };
+  submit_all(4);
+  EXPECT_EQ(reason, "QUEUE_FULL");
+  EXPECT_EQ(manager->queued_jobs(), 0);
+  EXPECT_EQ(store.table.count(JobState::Queued), 0);
+  submit_all(3);
+  EXPECT_EQ(reason, "");
+  ASSERT_EQ(views.size(), 3u);
+  for (int i = 0; i < 3; ++i) EXPECT_EQ(views[i].queue_position, i + 1);
+}
+
+TEST_F(JobManagerTest, EstimatesTheStartFromTheJobsBefore) {
+  const auto first = submit_and_launch();
+  const auto second = submit();
+  EXPECT_FALSE(manager->get(second).estimated_start.has_value());
+  clock.advance(10s);
+  complete(first, Delivered{});
+  settle();
+  const auto third = submit();
+  const auto fourth = submit();
+  clock.advance(4s);
+  EXPECT_EQ(manager->get(third).estimated_start, clock.wall() + 6s);
+  EXPECT_EQ(manager->get(fourth).estimated_start, clock.wall() + 16s);
+  EXPECT_FALSE(manager->get(second).estimated_start.has_value());
+  make_manager();
+  manager->recover();
+  EXPECT_TRUE(manager->get(fourth).estimated_start.has_value());
+}
+
+TEST_F(JobManagerTest, ADeletedJobIsNotWaitedFor) {
+  submit_and_launch();
+  const auto second = submit();
+  const auto third = submit();
+  manager->remove(second, [](std::exception_ptr error, const std::string&) { EXPECT_FALSE(error); });
+  EXPECT_EQ(manager->queued_jobs(), 1);
+  EXPECT_EQ(manager->get(third).queue_position, 1);
 }
 
 }  // namespace

@@ -1,4 +1,5 @@
 #include "server/jobs/job_queue.h"
+#include "server/jobs/input_refusal.h"
 #include "server/jobs/refusal.h"
 #include "tests/support/server_fakes.h"
 
@@ -28,9 +29,11 @@ class JobQueueTest : public ::testing::Test {
   }
   JobQueue::Taken submit_and_take() {
     queue.submit(table, asked());
-    return *queue.take_next(table);
+    return take();
   }
-  JobQueue::Taken take() { return *queue.take_next(table); }
+  /// Starts the oldest queued job.
+  JobQueue::Taken take() { return *queue.start(table, table.queued().at(0).id); }
+  bool is_queue_empty() { return table.queued().empty(); }
   static AttemptKey key(const JobQueue::Taken& taken) { return {taken.job.id, taken.job.attempt}; }
 
   template <class Call>
@@ -55,7 +58,7 @@ TEST_F(JobQueueTest, TakesJobsInTheOrderOfTheirCreation) {
   EXPECT_EQ(take().job.id, "job-1");
   EXPECT_EQ(take().job.id, "job-2");
   EXPECT_EQ(take().job.id, "job-3");
-  EXPECT_FALSE(queue.take_next(table).has_value());
+  EXPECT_TRUE(is_queue_empty());
 }
 
 TEST_F(JobQueueTest, ALostJobGoesBackToItsPlaceInTheOrder) {
@@ -98,7 +101,7 @@ TEST_F(JobQueueTest, CancellingAQueuedJobEndsItAtOnce) {
   const auto job = queue.submit(table, asked());
   EXPECT_EQ(queue.cancel(table, job.id).state, JobState::Cancelled);
   EXPECT_TRUE(table.find(job.id)->ended.has_value());
-  EXPECT_FALSE(queue.take_next(table).has_value());
+  EXPECT_TRUE(is_queue_empty());
 }
 
 TEST_F(JobQueueTest, CancellingIsIdempotentAndATerminalJobIsReturnedUnchanged) {
@@ -143,7 +146,7 @@ TEST_F(JobQueueTest, ADeterministicFailureIsNotRetried) {
   const auto job = queue.complete(table, key(taken), taken.token, JobFailure{"GEOMETRY_MISMATCH", "no overlap"});
   EXPECT_EQ(job.state, JobState::Failed);
   EXPECT_EQ(job.failure->reason, "GEOMETRY_MISMATCH");
-  EXPECT_FALSE(queue.take_next(table).has_value());
+  EXPECT_TRUE(is_queue_empty());
 }
 
 TEST_F(JobQueueTest, AZombieCannotComplete) {
@@ -267,6 +270,99 @@ TEST_F(JobQueueTest, ATerminalJobHasNoCheckpoint) {
   queue.put_checkpoint(table, key(first), first.token, {.digest = "sha256:check", .size = 7});
   queue.complete(table, key(first), first.token, Delivered{});
   EXPECT_FALSE(table.find(first.job.id)->checkpoint.has_value());
+}
+
+TEST_F(JobQueueTest, StartsOnlyWhatIsQueued) {
+  const auto taken = submit_and_take();
+  EXPECT_FALSE(queue.start(table, taken.job.id).has_value());
+  EXPECT_FALSE(queue.start(table, "nobody").has_value());
+  EXPECT_EQ(table.find(taken.job.id)->attempt, 1);
+}
+
+TEST_F(JobQueueTest, EachRetryWaitsFourTimesAsLongAsTheOneBefore) {
+  JobQueue patient(clock, ids, {.max_attempts = 4, .retry_delay = 5s});
+  patient.submit(table, asked());
+  for (const auto delay : {5s, 20s, 80s}) {
+    clock.advance(1s);
+    const auto lost = patient.lose(table, key(take()), LossCause::LeaseExpired, "");
+    EXPECT_EQ(lost->not_before, clock.wall() + delay);
+  }
+  const auto last = take();
+  EXPECT_FALSE(last.job.not_before.has_value());
+  EXPECT_EQ(patient.lose(table, key(last), LossCause::LeaseExpired, "")->state, JobState::Failed);
+}
+
+TEST_F(JobQueueTest, AShutdownDelaysNoRetry) {
+  const auto taken = submit_and_take();
+  const auto job = queue.lose(table, key(taken), LossCause::Released, "");
+  EXPECT_FALSE(job->not_before.has_value());
+  EXPECT_FALSE(job->last_loss.has_value());
+}
+
+TEST_F(JobQueueTest, TellsWhyTheLastAttemptWasLost) {
+  const auto taken = submit_and_take();
+  const auto job = *queue.lose(table, key(taken), LossCause::Stalled, "900 s");
+  EXPECT_EQ(job.last_loss->reason, "STALLED");
+  EXPECT_THAT(job.last_loss->message, HasSubstr("900 s"));
+  EXPECT_EQ(queue.complete(table, key(take()), "token-2", Delivered{}).last_loss->reason, "STALLED");
+}
+
+TEST_F(JobQueueTest, ADelayEndsWithACancel) {
+  const auto taken = submit_and_take();
+  queue.lose(table, key(taken), LossCause::LeaseExpired, "");
+  EXPECT_FALSE(queue.cancel(table, taken.job.id).not_before.has_value());
+}
+
+TEST_F(JobQueueTest, AnExceededLimitIsFinalAndReportedOnce) {
+  const auto taken = submit_and_take();
+  const JobFailure failure{"WALL_TIME", "too long"};
+  EXPECT_EQ(queue.fail(table, key(taken), failure)->failure, failure);
+  EXPECT_FALSE(queue.fail(table, key(taken), failure).has_value());
+  EXPECT_TRUE(is_queue_empty());
+  expect_refused([&] { queue.complete(table, key(taken), taken.token, Delivered{}); }, RefusalKind::Aborted,
+                 "LEASE_LOST");
+}
+
+TEST_F(JobQueueTest, AJobThatIsBeingCancelledIsCancelledByItsLimit) {
+  const auto taken = submit_and_take();
+  queue.cancel(table, taken.job.id);
+  const auto job = queue.fail(table, key(taken), {"WALL_TIME", "too long"});
+  EXPECT_EQ(job->state, JobState::Cancelled);
+  EXPECT_FALSE(job->failure.has_value());
+}
+
+TEST_F(JobQueueTest, OneSubmitterCannotFillTheQueue) {
+  JobQueue shared(clock, ids, {.max_queued = 10, .max_queued_of_submitter = 2});
+  NewJob job = asked();
+  for (int i = 0; i < 2; ++i) shared.submit(table, job);
+  expect_refused([&] { shared.submit(table, job); }, RefusalKind::Exhausted, "QUOTA");
+  job.submitter = "ann";
+  shared.submit(table, job);
+  job.submitter = kLocalSubmitter;
+  take();
+  shared.submit(table, job);
+}
+
+TEST_F(JobQueueTest, AFullQueueSaysWhenToComeBack) {
+  for (int i = 0; i < 3; ++i) queue.submit(table, asked());
+  try {
+    queue.submit(table, asked());
+    FAIL() << "was accepted";
+  } catch (const Refusal& refusal) {
+    EXPECT_EQ(refusal.reason(), "QUEUE_FULL");
+    EXPECT_TRUE(refusal.retry_after().has_value());
+  }
+}
+
+TEST_F(JobQueueTest, TellsAllInputsThatAreMissingEachOnce) {
+  NewJob job = asked();
+  job.inputs = {"sha256:b", kInput, "sha256:a", "sha256:b"};
+  try {
+    queue.submit(table, job);
+    FAIL() << "was accepted";
+  } catch (const MissingInputs& missing) {
+    EXPECT_THAT(missing.digests(), ElementsAre("sha256:b", "sha256:a"));
+  }
 }
 
 }  // namespace
