@@ -12,9 +12,11 @@
 #include <sstream>
 #include <string>
 
+#include "core/image_io/meta_header.h"
 #include "core/image_io/nifti_header.h"
 #include "core/image_io/nrrd_header.h"
 #include "core/image_io/payload_check.h"
+#include "core/image_io/png_chunks.h"
 #include "core/image_io/temporary_file.h"
 #include "core/support/errors.h"
 
@@ -95,6 +97,8 @@ OpenedImage open_image(const std::filesystem::path& path) {
   OpenedImage image;
   bool is_raw = format == ImageFormat::Nifti;
   if (format == ImageFormat::Nrrd) is_raw = read_nrrd_header(path).is_raw;
+  if (format == ImageFormat::MetaImage) check_meta_header(path);
+  if (format == ImageFormat::Png) check_png_chunks(path);
   int nifti_dimension = 0;
   if (format == ImageFormat::Nifti || format == ImageFormat::CompressedNifti) {
     const NiftiHeader nifti = read_nifti_header(path);
