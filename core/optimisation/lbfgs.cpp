@@ -154,7 +154,7 @@ MinimiseSummary minimise(Objective<T>& objective, const MinimiseOptions& options
     Evaluation evaluation = objective.evaluate(at, g, p);
     sparse = sparsity_energy(ranges, at);
     evaluation.value += sparse;
-    evaluation.is_valid = evaluation.is_valid && std::isfinite(evaluation.value);
+    evaluation.is_valid = evaluation.is_valid && std::isfinite(evaluation.value) && std::isfinite(dot(g, p));
     return evaluation;
   };
   MinimiseSummary summary;
@@ -178,7 +178,7 @@ MinimiseSummary minimise(Objective<T>& objective, const MinimiseOptions& options
     double sparse_at_start = 0;
     const Evaluation start = total(state.x, state.gradient, state.preconditioned, sparse_at_start);
     if (!start.is_valid)
-      throw NumericalFailure("the energy at the start is not finite; check the images for NaN and Inf");
+      throw NumericalFailure("the energy at the start or its gradient is not finite; check the images for NaN and Inf");
     state.energies = {start.value};
     objective.revise(state);
   }

@@ -71,17 +71,17 @@ struct MinimiserState {
 /// Minimises from a state, in place. Limited-memory quasi-Newton in the metric of the objective's preconditioner, with
 /// the orthant-wise treatment of the sparsity term (Andrew and Gao, 2007) carried from signs to groups: groups at zero
 /// stay there while their gradient is shorter than the weight, and a group that would turn against its direction
-/// becomes exactly zero. Backtracking line search; the energy never rises on an accepted step; a non-finite energy
-/// shortens the step. The optimality residual is sqrt(g . P g) with g the subgradient of least length of the whole
-/// energy and P the preconditioner: 0 exactly at a stationary point. The objective may revise its working set after
-/// each step; pairs hold 0 for unknowns that they were made without, which leaves s . y as it is. What is outside the
-/// working set is looked at in every fifth iteration, and before a run ends for any reason but its limit: it ends where
-/// nothing more wants to take part. `accepted` is called after each accepted step, when the state is complete, and says
-/// whether to go on.
+/// becomes exactly zero. Backtracking line search; the energy never rises on an accepted step; an energy or gradient
+/// that is not finite shortens the step. The optimality residual is sqrt(g . P g) with g the subgradient of least
+/// length of the whole energy and P the preconditioner: 0 exactly at a stationary point. The objective may revise its
+/// working set after each step; pairs hold 0 for unknowns that they were made without, which leaves s . y as it is.
+/// What is outside the working set is looked at in every fifth iteration, and before a run ends for any reason but its
+/// limit: it ends where nothing more wants to take part. `accepted` is called after each accepted step, when the state
+/// is complete, and says whether to go on.
 ///
 /// A state that has begun goes on after its last step, of which `accepted` is not told again; the summary counts from
 /// the beginning. When the objective throws, the state is still that of the last accepted step. Throws NumericalFailure
-/// when the energy at the start is not finite.
+/// when the energy at the start or its gradient is not finite.
 template <class T>
 MinimiseSummary minimise(Objective<T>& objective, const MinimiseOptions& options, MinimiserState<T>& state,
                          const std::function<bool(const MinimiseStep&)>& accepted);

@@ -12,7 +12,7 @@ namespace {
 
 constexpr char kMagic[8] = {'S', 'A', 'L', 'T', 'U', 'S', 'C', 'P'};
 /// To be raised with every change of what is stored or of what is computed from it.
-constexpr std::uint32_t kVersion = 4;
+constexpr std::uint32_t kVersion = 5;
 
 struct Header {
   char magic[8];
@@ -154,14 +154,18 @@ void transfer(Stream& stream, State& at) {
 }
 
 template <int Dim>
-void add(Fingerprint& fingerprint, const Volume<Dim>& volume) {
-  const ImageGrid<Dim>& grid = volume.grid;
+void add(Fingerprint& fingerprint, const ImageGrid<Dim>& grid) {
   for (int axis = 0; axis < Dim; ++axis) {
     fingerprint.add(grid.size[axis]);
     fingerprint.add(grid.spacing[axis]);
     fingerprint.add(grid.origin[axis]);
     for (int row = 0; row < Dim; ++row) fingerprint.add(grid.direction(row, axis));
   }
+}
+
+template <int Dim>
+void add(Fingerprint& fingerprint, const Volume<Dim>& volume) {
+  add(fingerprint, volume.grid);
   fingerprint.add(volume.samples);
 }
 
@@ -176,6 +180,11 @@ std::uint64_t job_fingerprint(const RegistrationInput<Dim>& input, const Registr
   for (const std::optional<Volume<Dim>>* mask : {&input.fixed_mask, &input.moving_mask}) {
     fingerprint.add(mask->has_value());
     if (*mask) add(fingerprint, **mask);
+  }
+  fingerprint.add(input.direction.has_value());
+  if (input.direction) {
+    add(fingerprint, input.direction->grid);
+    fingerprint.add(input.direction->samples);
   }
   for (int row = 0; row < Dim; ++row) {
     fingerprint.add(input.start.offset[row]);

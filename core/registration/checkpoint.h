@@ -41,7 +41,7 @@ struct Checkpoint {
   double seconds = 0, cpu_seconds = 0;   ///< spent in all
 };
 
-/// Tells jobs apart: images, masks, start and all resolved options but the number of threads.
+/// Tells jobs apart: images, masks, direction field, start and all resolved options but the number of threads.
 template <int Dim>
 std::uint64_t job_fingerprint(const RegistrationInput<Dim>& input, const RegistrationOptions& resolved);
 

@@ -134,6 +134,19 @@ TEST(Minimise, ShortensStepsThatLeaveWhereTheEnergyExists) {
   }
 }
 
+// The energy is a number everywhere, but from 1 on its slope is none: nothing can be said about such a point.
+TEST(Minimise, ShortensStepsThatLeaveWhereTheGradientExists) {
+  Function<double> objective(1, [](const std::vector<double>& x, std::vector<double>& gradient) {
+    gradient[0] = x[0] < 1 ? x[0] - 0.9 : std::nan("");
+    return 0.5 * (x[0] - 0.9) * (x[0] - 0.9);
+  });
+  objective.step = 1.9;  // to 1.71, where the energy is less than at 0
+  std::vector<double> x = {0.0};
+  Witness witness;
+  minimise<double>(objective, to_the_end(), x, std::ref(witness));
+  EXPECT_NEAR(x[0], 0.9, 1e-5);
+}
+
 // Closed form: x_g = c_g max(0, 1 - lambda / (h |c_g|)).
 template <class T>
 void expect_soft_thresholds(double tolerance) {
@@ -293,6 +306,15 @@ TEST(Minimise, RefusesAStartWithoutAFiniteEnergy) {
     std::vector<double> x = {0.0};
     EXPECT_THROW(minimise<double>(objective, {}, x, go_on), NumericalFailure);
   }
+}
+
+TEST(Minimise, RefusesAStartWithoutAFiniteGradient) {
+  Function<double> objective(1, [](const std::vector<double>&, std::vector<double>& gradient) {
+    gradient[0] = std::nan("");
+    return 1.0;
+  });
+  std::vector<double> x = {0.0};
+  EXPECT_THROW(minimise<double>(objective, {}, x, go_on), NumericalFailure);
 }
 
 // sqrt(g . P g) of the least subgradient, by hand: at (0, 3) with 1/2 (x_0 - 5)^2 + 2 (x_1 - 1)^2 and weights 2 and 1

@@ -188,5 +188,22 @@ TEST(Checkpoint, RefusesThatOfAnotherJob) {
   EXPECT_THAT(refusal<2>(input, options, blob), HasSubstr("belongs to another registration"));
 }
 
+TEST(Checkpoint, RefusesThatOfAnotherDirectionField) {
+  RegistrationInput<2> input = plane();
+  VectorVolume<2>& direction = input.direction.emplace(input.fixed.grid);
+  std::fill_n(direction.component(0), input.fixed.grid.voxels(), 1.0f);
+  RegistrationOptions options = default_options(Model::Directional, SimilarityType::Ssd, Preset::Balanced);
+  options.pyramid.levels = 1;
+  options.momenta.width_voxels = 5;
+  options.momenta.scales = 1;
+  options.optimisation.max_iterations = 4;
+  const std::string blob = stopped_after<2>(input, options, 2);
+  expect_same_bits(register_images<2>(input, options, {}, {.resume = blob, .offer = {}}),
+                   register_images<2>(input, options));
+  RegistrationInput<2> other = input;
+  other.direction->component(0)[77] = 0;
+  EXPECT_THAT(refusal<2>(other, options, blob), HasSubstr("belongs to another registration"));
+}
+
 }  // namespace
 }  // namespace saltus

@@ -17,6 +17,7 @@ struct Case {
   bool masks;
   Evolution evolution = Evolution::Exact;
   std::vector<KernelWidth> kernel_widths = {};
+  double similarity_weight = 1;
 };
 
 template <int Dim>
@@ -73,6 +74,7 @@ void expect_taylor_slope_two(const Case& test) {
     for (double& weight : level.moving_weights.samples) weight = 0.5 + 0.2 * weight;
   }
   level.time_steps = 3;
+  level.similarity_weight = test.similarity_weight;
   level.divergence_weight = 0.3;
   level.evolution = test.evolution;
 
@@ -125,12 +127,14 @@ std::vector<Case> all_cases() {
       cases.push_back({model, SimilarityType::Ssd, false, evolution});
   for (Model model : {Model::Gaussian, Model::Wendland1, Model::Directional, Model::Sliding})
     cases.push_back({model, SimilarityType::Ssd, false, Evolution::Exact, {{3, 1}, {8, 0.5}}});
+  for (SimilarityType similarity : {SimilarityType::Ssd, SimilarityType::Ncc})
+    cases.push_back({Model::Gaussian, similarity, true, Evolution::Exact, {}, 7});
   return cases;
 }
 
 INSTANTIATE_TEST_SUITE_P(Models, Gradient, ::testing::ValuesIn(all_cases()), [](const auto& info) {
   return to_string(info.param.model) + "_" + to_string(info.param.similarity) + (info.param.masks ? "_masks" : "") +
-         (info.param.kernel_widths.empty() ? "" : "_sum") +
+         (info.param.similarity_weight == 1 ? "" : "_weighed") + (info.param.kernel_widths.empty() ? "" : "_sum") +
          (info.param.evolution == Evolution::Exact      ? ""
           : info.param.evolution == Evolution::PerOrder ? "_per_order"
                                                         : "_carried");
