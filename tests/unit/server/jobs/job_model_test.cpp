@@ -25,6 +25,10 @@ class NoBlobs final : public BlobStore {
   bool holds(const std::string&, std::int64_t) const override { return true; }
   std::unique_ptr<BlobReader> open(const std::string&, std::int64_t) override { throw std::logic_error("not here"); }
   void remove(const std::string&) override {}
+  std::vector<std::string> named_before(WallTime) override { throw std::logic_error("not here"); }
+  Leftovers expire_uploads(std::chrono::milliseconds) override { throw std::logic_error("not here"); }
+  int uploads_left() override { throw std::logic_error("not here"); }
+  int set_aside() override { throw std::logic_error("not here"); }
 };
 
 /// What a client knows of a job, and what the rules say about it.
