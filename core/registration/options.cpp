@@ -112,17 +112,17 @@ RegistrationOptions default_options(Model model, SimilarityType similarity, Pres
       o.momenta.sparsity = 1e-2;
       o.flow.divergence_weight = 1;
       break;
-    case SimilarityType::Ngf:  // as lncc, but every edge has two sides that pull
-      o.momenta.regularisation = 2e-4;
+    case SimilarityType::Ngf:
+      o.momenta.regularisation = 1e-3;
       o.momenta.first_order_regularisation = 2e-3;
       o.momenta.sparsity = 2e-2;
-      o.flow.divergence_weight = 2;
+      o.flow.divergence_weight = 0.2;
       break;
     case SimilarityType::Mind:  // a squared difference of a few hundredths
-      o.momenta.regularisation = 4e-5;
+      o.momenta.regularisation = 2e-4;
       o.momenta.first_order_regularisation = 4e-4;
       o.momenta.sparsity = 4e-3;
-      o.flow.divergence_weight = 0.8;
+      o.flow.divergence_weight = 0.08;
       break;
   }
   switch (preset) {
