@@ -297,6 +297,35 @@ TEST(Minimise, EndsOnlyWhereItHasLookedOutsideTheWorkingSet) {
   EXPECT_LT(chain.looks_taken, chain.evaluations / 2);
 }
 
+/// x^4, which is approached without end, with something outside that never wants to take part.
+class Flat final : public Objective<double> {
+ public:
+  std::size_t size() const override { return 1; }
+  bool has_more() const override { return true; }
+  void look_everywhere(bool everywhere) override { looks = everywhere; }
+  Evaluation evaluate(const std::vector<double>& x, std::vector<double>& gradient,
+                      std::vector<double>& preconditioned) override {
+    preconditioned = gradient = {4 * std::pow(x[0], 3)};
+    return {std::pow(x[0], 4), true};
+  }
+  double first_step(const std::vector<double>&) override { return 1e-2; }
+
+  bool looks = true;  ///< whether the last evaluation looked everywhere
+};
+
+TEST(Minimise, SettlesOnlyWhereItHasLookedOutsideTheWorkingSet) {
+  for (double tolerance : {0.3, 0.1, 3e-2, 1e-2, 1e-3, 1e-4}) {
+    SCOPED_TRACE(tolerance);
+    Flat flat;
+    std::vector<double> x = {1};
+    MinimiseOptions how;
+    how.tolerance = tolerance;
+    const MinimiseSummary summary = minimise<double>(flat, how, x, go_on);
+    EXPECT_EQ(summary.termination, MinimiseTermination::Settled);
+    EXPECT_TRUE(flat.looks);
+  }
+}
+
 TEST(Minimise, RefusesAStartWithoutAFiniteEnergy) {
   for (double start : {std::nan(""), std::numeric_limits<double>::infinity()}) {
     Function<double> objective(1, [start](const std::vector<double>&, std::vector<double>& gradient) {

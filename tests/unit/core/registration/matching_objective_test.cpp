@@ -1,0 +1,62 @@
+// Oracle: the energy's definition, put together from its parts by hand.
+#include "core/registration/matching_objective.h"
+
+#include <gtest/gtest.h>
+#include <omp.h>
+
+#include "core/flow/divergence_penalty.h"
+#include "core/registration/scales.h"
+#include "tests/support/random_fields.h"
+
+namespace saltus {
+namespace {
+
+// A constant in time counts once, whatever the number of steps: the trapezoidal rule halves both ends.
+TEST(MatchingObjective, TakesTheDivergencePenaltyOverTimeByTheTrapezoidalRule) {
+  omp_set_num_threads(1);
+  MatchingLevel<2, double> level;
+  level.lattice.size = {19, 17};
+  level.lattice.spacing = {1, 1.25};
+  level.fixed = testing::random_waves<2>(level.lattice, 1);
+  level.moving.lattice = level.lattice;
+  level.moving.samples = testing::random_waves<2>(level.lattice, 2);
+  level.moving.linear = Vector<2>(1, 0.8).asDiagonal();
+  level.moving.offset = Vector<2>::Zero();
+  level.evolution = Evolution::Exact;
+  RegistrationOptions options = default_options(Model::Gaussian, SimilarityType::Ssd, Preset::Balanced);
+  options.momenta.width_voxels = 4;
+  options.momenta.scales = 1;
+  options.momenta.finest_scale = 0;
+  auto placed = make_scales<2, double>(level.lattice, options, {});
+  const std::vector<double> x = testing::random_values(placed[0].scale->field_size(), 5, 0.5);
+  for (int steps : {1, 2, 4}) {
+    SCOPED_TRACE(steps);
+    level.time_steps = steps;
+    double regularisation[2];
+    for (int with : {0, 1}) {
+      level.divergence_weight = 0.3 * with;
+      MatchingObjective<2, double> objective(
+          {placed[0].scale.get()}, level,
+          make_similarity<2, double>(SimilarityType::Ssd, level.lattice, options.similarity_parameters, 1.0), 0.0);
+      ASSERT_EQ(objective.size(), x.size());
+      std::vector<double> gradient(x.size()), preconditioned(x.size());
+      ASSERT_TRUE(objective.evaluate(x, gradient, preconditioned).is_valid);
+      regularisation[with] = objective.parts().regularisation;
+      if (!with) continue;
+      const std::vector<Field<double>>& velocities = objective.velocities(x);
+      std::vector<double> at;
+      for (const Field<double>& velocity : velocities) {
+        Field<double> ignored(velocity.size());
+        at.push_back(add_divergence_penalty<2, double>(level.lattice, velocity.data(), 0.3, ignored.data()));
+      }
+      ASSERT_EQ(at.size(), steps + 1u);
+      double expected = 0;
+      for (int k = 0; k < steps; ++k) expected += (at[k] + at[k + 1]) / (2 * steps);
+      EXPECT_GT(expected, 0.01 * regularisation[0]);
+      EXPECT_NEAR(regularisation[1] - regularisation[0], expected, 1e-9 * expected);
+    }
+  }
+}
+
+}  // namespace
+}  // namespace saltus
