@@ -58,5 +58,42 @@ TEST(MatchingObjective, TakesTheDivergencePenaltyOverTimeByTheTrapezoidalRule) {
   }
 }
 
+// Only component i of m_i opens or closes: it gets no gradient, and all others theirs.
+TEST(MatchingObjective, GivesNoGradientToWhatIsNoShear) {
+  omp_set_num_threads(1);
+  MatchingLevel<2, double> level;
+  level.lattice.size = {19, 17};
+  level.lattice.spacing = {1, 1.25};
+  level.fixed = testing::random_waves<2>(level.lattice, 1);
+  level.moving.lattice = level.lattice;
+  level.moving.samples = testing::random_waves<2>(level.lattice, 2);
+  level.moving.linear = Vector<2>(1, 0.8).asDiagonal();
+  level.moving.offset = Vector<2>::Zero();
+  RegistrationOptions options = default_options(Model::Wendland1, SimilarityType::Ssd, Preset::Balanced);
+  options.momenta.width_voxels = 4;
+  options.momenta.scales = options.momenta.first_order_scales = 1;
+  options.momenta.finest_scale = options.momenta.first_order_finest_scale = 0;
+  auto placed = make_scales<2, double>(level.lattice, options, {});
+  const std::size_t field = placed[0].scale->field_size();
+  const std::vector<double> x = testing::random_values(3 * field, 5, 0.03);
+  std::vector<double> gradients[2], preconditioned[2];
+  for (int shear_only : {0, 1}) {
+    MatchingObjective<2, double> objective(
+        {placed[0].scale.get()}, level,
+        make_similarity<2, double>(SimilarityType::Ssd, level.lattice, options.similarity_parameters, 1.0), 0.0);
+    if (shear_only) objective.keep_shear_only();
+    ASSERT_EQ(objective.size(), x.size());
+    gradients[shear_only].resize(x.size());
+    preconditioned[shear_only].resize(x.size());
+    ASSERT_TRUE(objective.evaluate(x, gradients[shear_only], preconditioned[shear_only]).is_valid);
+  }
+  for (std::size_t i = 0; i < x.size(); ++i) {
+    const bool is_normal = i >= field && i % 2 == (i - field) / field;
+    EXPECT_NE(gradients[0][i], 0) << i;
+    EXPECT_EQ(gradients[1][i], is_normal ? 0 : gradients[0][i]) << i;
+    EXPECT_EQ(preconditioned[1][i], is_normal ? 0 : preconditioned[0][i]) << i;
+  }
+}
+
 }  // namespace
 }  // namespace saltus
