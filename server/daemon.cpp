@@ -4,6 +4,7 @@
 #include "server/jobs/missing_inputs.h"
 #include "server/rpc/limits.h"
 
+#include <limits>
 #include <set>
 
 namespace saltus::server {
@@ -11,6 +12,7 @@ namespace {
 
 // How late a lease's end or the next step of a cancel may be noticed.
 constexpr auto kTick = std::chrono::milliseconds(50);
+constexpr auto kPingInterval = std::chrono::seconds(5);
 constexpr auto kCallGrace = std::chrono::milliseconds(500);
 
 }  // namespace
@@ -19,6 +21,12 @@ Daemon::Daemon(const DaemonSettings& settings, std::function<void(const std::str
     : directory_(settings.data),
       clock_(parts.clock ? std::move(parts.clock) : std::make_shared<SystemClock>()),
       disk_(parts.disk ? std::move(parts.disk) : std::make_shared<Disk>()),
+      metrics_(settings.version, settings.data),
+      audit_(directory_.audit(), *clock_,
+             [log = settings.log](const std::string& text) {
+               log({LogLine::Level::Error, text});
+             }),
+      observation_(metrics_, audit_, settings.log),
       storage_([this, on_broken = std::move(on_broken)](const std::string& reason) {
         // Whatever has failed: an answer from now on could be a promise that the disk does not keep.
         if (rows_) rows_->refuse_writes();
@@ -34,6 +42,7 @@ Daemon::Daemon(const DaemonSettings& settings, std::function<void(const std::str
   auto store = std::make_unique<SqliteJobStore>(directory_.database(),
                                                 [this](const std::string& reason) { storage_.fail(reason); });
   rows_ = store.get();
+  store->on_commit([this](auto time, std::size_t writes) { metrics_.committed(time, writes); });
   const auto known = store->blobs();
   const std::set<std::string> known_digests(known.begin(), known.end());
   bytes_.remove_unknown([&](const std::string& digest) { return known_digests.contains(digest); });
@@ -53,6 +62,14 @@ Daemon::Daemon(const DaemonSettings& settings, std::function<void(const std::str
       *store_, *blobs_, *launcher_, *clock_, ids_, settings.jobs, [this] { wake(); }, settings.log);
   if (const int failed = fail_jobs_without_inputs(*rows_, bytes_, *clock_); failed > 0)
     settings.log(std::to_string(failed) + " queued jobs have failed, because the disk has lost their inputs");
+  store_->read([this](JobReader& reader) {
+    for (const JobState state : {JobState::Queued, JobState::Running, JobState::Cancelling})
+      for (const JobRecord& job :
+           reader.list({state}, std::numeric_limits<std::int64_t>::max(), std::numeric_limits<int>::max()))
+        observation_.found(job);
+  });
+  jobs_->watchers().observe([this](const JobRecord& job) { observation_.job_changed(job); },
+                            [this](const std::string& id) { observation_.job_deleted(id); });
   jobs_->recover();
   maintenance_ =
       std::make_unique<Maintenance>(*store_, bytes_, *clock_, settings.retention, settings.maintenance, settings.log);
@@ -60,7 +77,7 @@ Daemon::Daemon(const DaemonSettings& settings, std::function<void(const std::str
   ListenAddress listen = settings.listen;
   const bool is_socket = listen.kind == ListenAddress::Kind::UnixSocket;
   if (is_socket) require_nobody_listens(listen.path);
-  RpcSettings rpc{listen.to_text(), {}, settings.tls, roles_, settings.version};
+  RpcSettings rpc{listen.to_text(), {}, settings.tls, roles_, settings.version, &observation_};
   for (const ListenAddress& address : settings.protected_listen) rpc.protected_addresses.push_back(address.to_text());
   rpc_ = std::make_unique<RpcServer>(rpc, *jobs_, *blobs_, *maintenance_, stalls_, ids_);
   if (is_socket) restrict_socket(listen.path);
@@ -72,6 +89,7 @@ Daemon::Daemon(const DaemonSettings& settings, std::function<void(const std::str
     protected_addresses_.push_back(address.to_text());
   }
   if (local) local->set_server_address(address_);
+  if (settings.metrics_port >= 0) metrics_port_ = metrics_.serve(settings.metrics_host, settings.metrics_port);
   thread_ = std::thread([this] { run(); });
 }
 
@@ -94,6 +112,7 @@ void Daemon::wake() {
 }
 
 void Daemon::run() {
+  SteadyTime next_ping = clock_->steady();
   std::unique_lock lock(mutex_);
   while (!is_closing_) {
     changed_.wait_for(lock, kTick, [this] { return has_work_ || is_closing_; });
@@ -101,6 +120,10 @@ void Daemon::run() {
     lock.unlock();
     jobs_->tick();
     if (roles_) roles_->reload_if_changed();
+    if (const auto now = clock_->steady(); now >= next_ping) {
+      next_ping = now + kPingInterval;
+      rpc_->ping([this](auto time) { metrics_.pinged(time); });
+    }
     stalls_.cut();
     if (storage_.has_failed() && !is_read_only_) {
       is_read_only_ = true;

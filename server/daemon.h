@@ -6,6 +6,9 @@
 #include "server/jobs/maintenance.h"
 #include "server/jobs/storage_state.h"
 #include "server/launch/local_launcher.h"
+#include "server/observe/audit_log.h"
+#include "server/observe/metrics.h"
+#include "server/observe/observation.h"
 #include "server/rpc/rpc_server.h"
 #include "server/rpc/stall_watch.h"
 #include "server/store/blob_directory.h"
@@ -37,7 +40,9 @@ struct DaemonSettings {
   Retention retention;
   Maintenance::Intervals maintenance;
   std::string version;
-  std::function<void(const std::string& line)> log = [](const std::string&) {};  ///< from any thread
+  std::string metrics_host = "127.0.0.1";
+  int metrics_port = -1;  ///< -1: no metrics are served; 0: a port that is free
+  std::function<void(const LogLine& line)> log = [](const LogLine&) {};  ///< from any thread
 };
 
 /// What tests replace. The default of each is the real thing.
@@ -64,6 +69,11 @@ class Daemon {
   const std::string& address() const { return address_; }
   /// The addresses with mutual TLS; with the ports that were chosen.
   const std::vector<std::string>& protected_addresses() const { return protected_addresses_; }
+  /// The port of the metrics; 0 when they are not served.
+  int metrics_port() const { return metrics_port_; }
+  const Metrics& metrics() const { return metrics_; }
+  /// Returns when the audit log has all that was answered before.
+  void flush_audit() { audit_.flush(); }
   /// Refuses new jobs, ends the workers (their jobs are queued again) and all calls. Blocks.
   void stop();
 
@@ -77,6 +87,10 @@ class Daemon {
   DataDirectory directory_;
   const std::shared_ptr<const Clock> clock_;
   const std::shared_ptr<Disk> disk_;
+  Metrics metrics_;
+  AuditLog audit_;
+  Observation observation_;
+  int metrics_port_ = 0;
   RandomIds ids_;
   StorageState storage_;
   BlobDirectory bytes_;

@@ -1,12 +1,10 @@
 #include "core/support/errors.h"
 #include "server/config/config.h"
 #include "server/daemon.h"
+#include "server/observe/log_output.h"
 #include "server/offline_fsck.h"
 #include "server/rpc/limits.h"
 #include "server/rpc/status_map.h"
-
-#include <spdlog/sinks/stdout_sinks.h>
-#include <spdlog/spdlog.h>
 
 #include <poll.h>
 #include <signal.h>
@@ -51,8 +49,8 @@ void wait_for_end(int signals, bool watch_stdin) {
   pollfd polled[] = {{signals, POLLIN, 0}, {watch_stdin ? STDIN_FILENO : -1, POLLIN, 0}};
   while (true) {
     if (::poll(polled, 2, -1) < 0) continue;
-    if (polled[0].revents) return spdlog::info("asked to stop by a signal");
-    if (polled[1].revents && !stdin_is_open()) return spdlog::info("standard input has ended");
+    if (polled[0].revents) return write_log("asked to stop by a signal");
+    if (polled[1].revents && !stdin_is_open()) return write_log("standard input has ended");
   }
 }
 
@@ -67,7 +65,9 @@ DaemonSettings settings_of(const Config& config) {
   settings.version = SALTUS_VERSION;
   settings.reserve = config.reserve;
   settings.retention = config.retention;
-  settings.log = [](const std::string& line) { spdlog::info("{}", line); };
+  settings.log = write_log;
+  settings.metrics_host = config.metrics_host;
+  settings.metrics_port = config.metrics_port;
   settings.jobs.slots = config.slots;
   settings.jobs.default_threads = config.threads_per_job;
   settings.jobs.thread_budget = config.threads;
@@ -85,31 +85,34 @@ DaemonSettings settings_of(const Config& config) {
 int serve(const Config& config, int signals) {
   std::atomic<bool> is_broken{false};
   Daemon daemon(settings_of(config), [&](const std::string& reason) {
-    spdlog::critical("the disk has failed, so the daemon only reads until it is started again: {}", reason);
+    write_log(
+        {LogLine::Level::Error, "the disk has failed, so the daemon only reads until it is started again: " + reason});
     is_broken = true;
   });
-  spdlog::info("saltusd {} serves {} with {} slots", SALTUS_VERSION, daemon.address(), config.slots);
+  write_log("saltusd " SALTUS_VERSION " serves " + daemon.address() + " with " + std::to_string(config.slots) +
+            " slots");
   std::printf("listening on %s\n", daemon.address().c_str());
   for (const std::string& address : daemon.protected_addresses())
     std::printf("listening on %s with mutual TLS\n", address.c_str());
+  if (daemon.metrics_port() > 0)
+    std::printf("metrics on http://%s:%d/metrics\n", config.metrics_host.c_str(), daemon.metrics_port());
   std::fflush(stdout);
   wait_for_end(signals, config.exit_on_stdin_close);
   daemon.stop();
-  spdlog::info("stopped");
+  write_log("stopped");
   return is_broken ? kFailed : 0;
 }
 
 }  // namespace
 
 int main(int argc, char** argv) {
-  spdlog::set_default_logger(spdlog::stderr_logger_mt("saltusd"));
-  set_fault_log([](const std::string& line) { spdlog::error("{}", line); });
+  set_fault_log([](const std::string& line) { write_log({LogLine::Level::Error, line}); });
   const int signals = take_signals();
   ::umask(0077);
   try {
     const ParsedConfig parsed = parse_config(argc, argv);
     if (parsed.has_ended) return parsed.exit_code;
-    spdlog::set_level(spdlog::level::from_str(parsed.config.log_level));
+    start_log(parsed.config.log_level, parsed.config.log_format);
     if (parsed.config.fsck) return check_data_folder(parsed.config.data, std::cout) ? 0 : kFailed;
     return serve(parsed.config, signals);
   } catch (const InvalidInput& error) {

@@ -8,6 +8,7 @@
 #include <unistd.h>
 
 #include <algorithm>
+#include <map>
 #include <thread>
 
 namespace saltus::server {
@@ -32,6 +33,17 @@ std::int64_t default_memory_budget() {
 void require_program(const fs::path& program) {
   if (::access(program.c_str(), X_OK) != 0 || fs::is_directory(program))
     throw InvalidInput("--worker is " + program.string() + ", which is not a program; give the path of saltus-worker");
+}
+
+/// Numbers about other people's work are for this machine only: a collector beside the daemon can carry them further.
+void read_metrics_address(Config& config, const std::string& text) {
+  const auto colon = text.rfind(':');
+  const std::string port = colon == std::string::npos ? "" : text.substr(colon + 1);
+  config.metrics_host = text.substr(0, colon);
+  const bool is_number = !port.empty() && port.size() <= 5 && port.find_first_not_of("0123456789") == std::string::npos;
+  if (config.metrics_host != "127.0.0.1" || !is_number || std::stoi(port) > 65535)
+    throw InvalidInput("--metrics is " + text + "; it must be 127.0.0.1:port, with port 0 for one that is free");
+  config.metrics_port = std::stoi(port);
 }
 
 /// Divides what is served into one address for this machine, which workers use too, and those with mutual TLS.
@@ -67,7 +79,7 @@ ParsedConfig parse_config(int argc, char** argv) {
   CLI::App app("The saltus daemon: accepts registration jobs, keeps them safely and hands them to workers.", "saltusd");
   ParsedConfig parsed;
   Config& config = parsed.config;
-  std::string data, worker, roles;
+  std::string data, worker, roles, metrics;
   std::vector<std::string> listen;
   double lease_seconds = 30, checkpoint_seconds = 30, retry_seconds = 5, stall_seconds = 900, memory_gib = 0;
   config.log_level = "info";
@@ -130,6 +142,12 @@ ParsedConfig parse_config(int argc, char** argv) {
   app.add_option("--log-level", config.log_level, "trace, debug, info, warning, error or off")
       ->check(CLI::IsMember({"trace", "debug", "info", "warning", "error", "off"}))
       ->capture_default_str();
+  app.add_option("--log-format", config.log_format, "text, or json: one object a line")
+      ->transform(CLI::CheckedTransformer(
+          std::map<std::string, LogFormat>{{"text", LogFormat::Text}, {"json", LogFormat::Json}}))
+      ->default_str("text");
+  app.add_option("--metrics", metrics, "127.0.0.1:port for Prometheus; port 0 takes a free one [none]")
+      ->type_name("ADDRESS");
   app.add_flag("--exit-on-stdin-close", config.exit_on_stdin_close,
                "Stop when standard input ends: a private daemon goes with its client");
   try {
@@ -142,6 +160,7 @@ ParsedConfig parse_config(int argc, char** argv) {
   config.data = fs::absolute(data).lexically_normal();
   config.roles = roles;
   read_addresses(config, listen);
+  if (!metrics.empty()) read_metrics_address(config, metrics);
   const int cores = std::max(1, static_cast<int>(std::thread::hardware_concurrency()));
   if (config.threads_per_job == 0) config.threads_per_job = cores;
   if (config.slots == 0) config.slots = std::max(1, cores / config.threads_per_job);

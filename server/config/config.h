@@ -2,6 +2,7 @@
 
 #include "server/config/listen_address.h"
 #include "server/jobs/garbage_collector.h"
+#include "server/observe/log_output.h"
 #include "server/rpc/listener.h"
 #include "server/store/disk_reserve.h"
 
@@ -33,6 +34,9 @@ struct Config {
   std::chrono::milliseconds retry_delay{};
   std::chrono::milliseconds stall_timeout{};
   std::string log_level;
+  LogFormat log_format = LogFormat::Text;
+  std::string metrics_host;
+  int metrics_port = -1;  ///< -1: no metrics
   bool exit_on_stdin_close = false;
 };
 

@@ -139,8 +139,6 @@ void JobManager::committed(const JobRecord& job) {
       leases_.cancel(job.id, clock_.steady());
     }
   }
-  log_("job " + job.id + " is " + to_string(job.state) + ", attempt " + std::to_string(job.attempt) +
-       (job.failure ? ", " + job.failure->reason : ""));
   watchers_.changed(job);
   wake_();
 }

@@ -56,6 +56,12 @@ void WatchHub::end(const std::shared_ptr<Subscription>& subscription) {
   if (found->second.empty()) subscriptions_.erase(found);
 }
 
+void WatchHub::observe(std::function<void(const JobRecord&)> changed,
+                       std::function<void(const std::string&)> deleted) {
+  on_changed_ = std::move(changed);
+  on_deleted_ = std::move(deleted);
+}
+
 template <class Push>
 void WatchHub::tell(const std::string& job_id, Push push) {
   std::vector<std::shared_ptr<Subscription>> watchers;
@@ -72,6 +78,7 @@ void WatchHub::tell(const std::string& job_id, Push push) {
 }
 
 void WatchHub::changed(const JobRecord& job) {
+  on_changed_(job);
   tell(job.id, [&](Subscription& watcher) { watcher.push_change(job); });
 }
 
@@ -80,6 +87,7 @@ void WatchHub::progressed(const std::string& job_id, const JobProgress& progress
 }
 
 void WatchHub::deleted(const std::string& job_id) {
+  on_deleted_(job_id);
   tell(job_id, [&](Subscription& watcher) { watcher.push_deleted(); });
 }
 

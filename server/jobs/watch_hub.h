@@ -50,6 +50,9 @@ class WatchHub {
   std::shared_ptr<Subscription> subscribe(const std::string& job_id, std::function<void()> wake);
   void end(const std::shared_ptr<Subscription>& subscription);
 
+  /// Is told of all jobs, before their watchers. To be called before anything is published; must not block.
+  void observe(std::function<void(const JobRecord&)> changed, std::function<void(const std::string&)> deleted);
+
   /// To be called in the order of the changes, after they are durable.
   void changed(const JobRecord& job);
   void progressed(const std::string& job_id, const JobProgress& progress);
@@ -59,6 +62,8 @@ class WatchHub {
   template <class Push>
   void tell(const std::string& job_id, Push push);
 
+  std::function<void(const JobRecord&)> on_changed_ = [](const JobRecord&) {};
+  std::function<void(const std::string&)> on_deleted_ = [](const std::string&) {};
   std::mutex mutex_;
   std::map<std::string, std::set<std::shared_ptr<Subscription>>> subscriptions_;
 };

@@ -1,6 +1,7 @@
 #include "server/rpc/authorisation.h"
 
 #include "server/jobs/refusal.h"
+#include "server/rpc/call_interceptor.h"
 
 #include <grpc/grpc_security_constants.h>
 
@@ -42,8 +43,10 @@ class Gate final : public grpc::AuthMetadataProcessor {
     if (!context || !context->IsPeerAuthenticated())
       return {grpc::StatusCode::UNAUTHENTICATED, "the certificate names nobody; give it an alternative or common name"};
     const Caller caller = authorisation_.remote_caller(*context);
-    if (caller.scope(method) == Scope::None) return denied(caller, method);
-    return grpc::Status::OK;
+    if (caller.scope(method) != Scope::None) return grpc::Status::OK;
+    const grpc::Status status = denied(caller, method);
+    authorisation_.tell_denied(caller, method, status);
+    return status;
   }
 
  private:
@@ -89,6 +92,19 @@ Caller Authorisation::caller_of(const grpc::ServerContextBase& context) const {
   for (const grpc::string_ref& type : connection->FindPropertyValues(GRPC_TRANSPORT_SECURITY_TYPE_PROPERTY_NAME))
     if (type != "insecure") return remote_caller(*connection);
   return {};
+}
+
+void Authorisation::tell_denied(const Caller& caller, std::string_view method, const grpc::Status& status) const {
+  if (!observer_) return;
+  const MethodRule* rule = find_rule(method);
+  CallRecord call;
+  // Not what a stranger has made up: it would go into logs and metrics.
+  call.method = rule ? std::string(method) : "unknown";
+  call.identity = caller.identity;
+  call.is_local = false;
+  call.is_change = rule && rule->is_change;
+  call.code = to_string(status.error_code());
+  observer_->denied(call);
 }
 
 std::shared_ptr<grpc::AuthMetadataProcessor> Authorisation::gate() const { return std::make_shared<Gate>(*this); }

@@ -1,5 +1,6 @@
 #pragma once
 
+#include "server/rpc/call_record.h"
 #include "server/rpc/method_rules.h"
 #include "server/rpc/roles.h"
 
@@ -30,8 +31,10 @@ struct Caller {
 /// is refused.
 class Authorisation {
  public:
-  /// Without a roles file only local callers get in.
-  explicit Authorisation(std::shared_ptr<const RolesFile> roles) : roles_(std::move(roles)) {}
+  /// Without a roles file only local callers get in. `observer` is told whom the gate turned away; it must outlive the
+  /// server.
+  explicit Authorisation(std::shared_ptr<const RolesFile> roles, CallObserver* observer = nullptr)
+      : roles_(std::move(roles)), observer_(observer) {}
 
   /// The identity is the certificate's first subject alternative name (of all that are there, the first that the roles
   /// file names), or its common name when it has no alternative name. Never blocks.
@@ -39,11 +42,13 @@ class Authorisation {
   /// Local when the connection is not encrypted: only listeners on this machine may be so. Never blocks.
   Caller caller_of(const grpc::ServerContextBase& context) const;
 
+  void tell_denied(const Caller& caller, std::string_view method, const grpc::Status& status) const;
   /// To be installed in the credentials of a TLS listener.
   std::shared_ptr<grpc::AuthMetadataProcessor> gate() const;
 
  private:
   std::shared_ptr<const RolesFile> roles_;
+  CallObserver* observer_;
 };
 
 }  // namespace saltus::server

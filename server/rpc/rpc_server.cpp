@@ -1,5 +1,6 @@
 #include "server/rpc/rpc_server.h"
 
+#include "server/rpc/call_interceptor.h"
 #include "server/rpc/limits.h"
 
 #include <grpcpp/ext/proto_server_reflection_plugin.h>
@@ -28,7 +29,7 @@ void enable_extensions() {
 
 RpcServer::RpcServer(const RpcSettings& settings, JobManager& jobs, BlobCatalog& blobs, Maintenance& maintenance,
                      StallWatch& stalls, const IdSource& ids)
-    : authorisation_(settings.roles),
+    : authorisation_(settings.roles, settings.observer),
       pool_(kPoolThreads),
       registration_(jobs, ids, authorisation_, pool_),
       blobs_(blobs, pool_, stalls),
@@ -54,6 +55,11 @@ RpcServer::RpcServer(const RpcSettings& settings, JobManager& jobs, BlobCatalog&
   builder.AddChannelArgument(GRPC_ARG_HTTP2_MIN_RECV_PING_INTERVAL_WITHOUT_DATA_MS,
                              limits::kMinPingIntervalMilliseconds);
   builder.AddChannelArgument(GRPC_ARG_KEEPALIVE_PERMIT_WITHOUT_CALLS, 1);
+  if (settings.observer) {
+    std::vector<std::unique_ptr<grpc::experimental::ServerInterceptorFactoryInterface>> interceptors;
+    interceptors.push_back(make_call_interceptor(authorisation_, *settings.observer));
+    builder.experimental().SetInterceptorCreators(std::move(interceptors));
+  }
   builder.RegisterService(&registration_);
   builder.RegisterService(&blobs_);
   builder.RegisterService(&info_);
@@ -71,6 +77,24 @@ RpcServer::RpcServer(const RpcSettings& settings, JobManager& jobs, BlobCatalog&
                               v1::ServerInfoService::service_full_name(), v1::WorkerService::service_full_name(),
                               v1::AdminService::service_full_name()})
     server_->GetHealthCheckService()->SetServingStatus(service, true);
+  self_ = v1::ServerInfoService::NewStub(server_->InProcessChannel({}));
+}
+
+void RpcServer::ping(std::function<void(std::chrono::steady_clock::duration)> told) {
+  {
+    std::lock_guard lock(ping_mutex_);
+    if (is_pinging_) return;
+    is_pinging_ = true;
+  }
+  ping_ = std::make_unique<Ping>();
+  const auto began = std::chrono::steady_clock::now();
+  self_->async()->GetServerInfo(&ping_->context, &ping_->request, &ping_->answer,
+                                [this, began, told = std::move(told)](const grpc::Status& status) {
+                                  if (status.ok()) told(std::chrono::steady_clock::now() - began);
+                                  std::lock_guard lock(ping_mutex_);
+                                  is_pinging_ = false;
+                                  ping_ended_.notify_all();
+                                });
 }
 
 RpcServer::~RpcServer() { stop(std::chrono::milliseconds(0)); }
@@ -88,6 +112,10 @@ void RpcServer::stop(std::chrono::milliseconds grace) {
   if (!server_) return;
   server_->Shutdown(std::chrono::system_clock::now() + grace);
   server_->Wait();
+  {
+    std::unique_lock lock(ping_mutex_);
+    ping_ended_.wait(lock, [this] { return !is_pinging_; });
+  }
   server_.reset();
 }
 

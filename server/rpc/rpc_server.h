@@ -18,7 +18,10 @@
 
 #include <atomic>
 #include <chrono>
+#include <condition_variable>
+#include <functional>
 #include <memory>
+#include <mutex>
 #include <string>
 #include <vector>
 
@@ -30,6 +33,7 @@ struct RpcSettings {
   TlsFiles tls;                                  ///< for these
   std::shared_ptr<const RolesFile> roles;        ///< of those who come over them; null: nobody has a right
   std::string version;
+  CallObserver* observer = nullptr;  ///< must outlive the server
 };
 
 /// All services, health and reflection on all listeners.
@@ -45,6 +49,9 @@ class RpcServer {
   int port() const { return port_; }
   /// In the order of the addresses.
   const std::vector<int>& protected_ports() const { return protected_ports_; }
+  /// Makes one call to this server, past the network, unless the last one is still under way: `told` gets the time from
+  /// end to end, on another thread. One thread at a time.
+  void ping(std::function<void(std::chrono::steady_clock::duration)> told);
   /// Health becomes NOT_SERVING; calls still work.
   void set_not_serving();
   /// The services that write become NOT_SERVING, and so does the whole; what only reads still works.
@@ -64,6 +71,17 @@ class RpcServer {
   int port_ = 0;
   std::vector<int> protected_ports_;
   std::unique_ptr<grpc::Server> server_;
+  std::unique_ptr<v1::ServerInfoService::Stub> self_;
+  // A call to ourselves. It must not end on a thread of gRPC: the last one to hold a channel shuts these threads down.
+  struct Ping {
+    grpc::ClientContext context;
+    v1::GetServerInfoRequest request;
+    v1::ServerInfo answer;
+  };
+  std::unique_ptr<Ping> ping_;
+  std::mutex ping_mutex_;
+  std::condition_variable ping_ended_;
+  bool is_pinging_ = false;
 };
 
 }  // namespace saltus::server

@@ -6,7 +6,7 @@ namespace saltus::server {
 
 /// The daemon's folder, held by one daemon at a time. Its files are for the owner only when the umask is 0077.
 ///
-///     saltusd.db   blobs/sha256/ab/cdef...   uploads/*.part   corrupt/*   run/*.token   logs/*.log   lock
+///     saltusd.db   blobs/sha256/ab/cdef...   uploads/*.part   corrupt/*   run/*.token   logs/*.log   audit.log   lock
 class DataDirectory {
  public:
   /// Makes what is missing and takes the lock. Throws std::runtime_error when another daemon holds the folder, with the
@@ -27,6 +27,7 @@ class DataDirectory {
   std::filesystem::path run() const { return root_ / "run"; }
   std::filesystem::path logs() const { return root_ / "logs"; }
   std::filesystem::path work() const { return root_ / "work"; }
+  std::filesystem::path audit() const { return root_ / "audit.log"; }
 
  private:
   std::filesystem::path root_;

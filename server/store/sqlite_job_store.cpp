@@ -80,7 +80,9 @@ void SqliteJobStore::run() {
       group.assign(std::make_move_iterator(waiting_.begin()), std::make_move_iterator(end));
       waiting_.erase(waiting_.begin(), end);
     }
+    const auto began = std::chrono::steady_clock::now();
     commit(group);
+    if (on_commit_) on_commit_(std::chrono::steady_clock::now() - began, group.size());
     for (Write& write : group) {
       write.done(write.error);
       SALTUS_FAILPOINT("acknowledge.after");

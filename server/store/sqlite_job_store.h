@@ -4,6 +4,7 @@
 #include "server/store/database.h"
 
 #include <atomic>
+#include <chrono>
 #include <condition_variable>
 #include <filesystem>
 #include <memory>
@@ -36,6 +37,12 @@ class SqliteJobStore final : public JobStore {
   /// From now on as after a failure of the database, because another part of the disk has failed.
   void refuse_writes() { is_broken_ = true; }
 
+  /// Is told, on the writing thread, how long each commit took and how many operations it made durable. To be called
+  /// before the first write.
+  void on_commit(std::function<void(std::chrono::steady_clock::duration, std::size_t)> told) {
+    on_commit_ = std::move(told);
+  }
+
   /// Digests of all blobs. Blocks.
   std::vector<std::string> blobs();
 
@@ -52,6 +59,7 @@ class SqliteJobStore final : public JobStore {
 
   const std::filesystem::path file_;
   const std::function<void(const std::string&)> on_broken_;
+  std::function<void(std::chrono::steady_clock::duration, std::size_t)> on_commit_;
   Database writer_;
 
   std::mutex mutex_;

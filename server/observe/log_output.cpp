@@ -1,0 +1,86 @@
+#include "server/observe/log_output.h"
+
+#include "server/observe/json_line.h"
+#include "server/observe/time_text.h"
+
+#include <grpc/support/log.h>
+#include <spdlog/sinks/stdout_sinks.h>
+#include <spdlog/spdlog.h>
+
+#include <atomic>
+
+namespace saltus::server {
+namespace {
+
+std::atomic<bool> is_json{false};
+
+spdlog::level::level_enum level_of(LogLine::Level level) {
+  switch (level) {
+    case LogLine::Level::Debug:
+      return spdlog::level::debug;
+    case LogLine::Level::Info:
+      return spdlog::level::info;
+    case LogLine::Level::Warning:
+      return spdlog::level::warn;
+    case LogLine::Level::Error:
+      return spdlog::level::err;
+  }
+  return spdlog::level::err;
+}
+
+const char* name_of(LogLine::Level level) {
+  switch (level) {
+    case LogLine::Level::Debug:
+      return "debug";
+    case LogLine::Level::Info:
+      return "info";
+    case LogLine::Level::Warning:
+      return "warning";
+    case LogLine::Level::Error:
+      return "error";
+  }
+  return "";
+}
+
+std::string json(const LogLine& line) {
+  JsonLine object;
+  object.add("ts", utc_text(SystemClock().wall())).add("level", name_of(line.level)).add("msg", line.message);
+  if (!line.job.empty()) object.add("job", line.job);
+  if (line.attempt > 0) object.add("attempt", std::int64_t{line.attempt});
+  if (!line.submitter.empty()) object.add("submitter", line.submitter);
+  return object.str();
+}
+
+std::string text(const LogLine& line) {
+  std::string about;
+  const auto add = [&](const std::string& what) { about += (about.empty() ? "" : ", ") + what; };
+  if (!line.job.empty()) add("job " + line.job);
+  if (line.attempt > 0) add("attempt " + std::to_string(line.attempt));
+  if (!line.submitter.empty()) add("of " + line.submitter);
+  return about.empty() ? line.message : line.message + " (" + about + ")";
+}
+
+/// What gRPC finds worth an error (a stranger's failed handshake, say) is no error of the daemon.
+void write_log_of_grpc(gpr_log_func_args* arguments) {
+  write_log({arguments->severity == GPR_LOG_SEVERITY_ERROR ? LogLine::Level::Warning : LogLine::Level::Debug,
+             std::string("gRPC: ") + arguments->message});
+}
+
+}  // namespace
+
+void start_log(const std::string& level, LogFormat format) {
+  is_json = format == LogFormat::Json;
+  const auto logger = spdlog::stderr_logger_mt("saltusd");
+  logger->set_level(spdlog::level::from_str(level));
+  if (is_json) logger->set_pattern("%v");
+  spdlog::set_default_logger(logger);
+  gpr_set_log_function(write_log_of_grpc);
+}
+
+void write_log(const LogLine& line) {
+  const auto level = level_of(line.level);
+  if (!spdlog::default_logger_raw()->should_log(level)) return;
+  spdlog::default_logger_raw()->log(level, is_json ? json(line) : text(line));
+}
+
+}  // namespace saltus::server

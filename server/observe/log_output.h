@@ -1,0 +1,20 @@
+#pragma once
+
+#include "server/observe/log_line.h"
+
+#include <string>
+
+namespace saltus::server {
+
+enum class LogFormat {
+  Text,
+  Json,  ///< one object a line: ts, level, msg, and job, attempt, submitter where there is one
+};
+
+/// Sends the log to standard error, gRPC's own too. `level`: trace, debug, info, warning, error or off. To be called
+/// before any other thread is there.
+void start_log(const std::string& level, LogFormat format);
+/// From any thread.
+void write_log(const LogLine& line);
+
+}  // namespace saltus::server
