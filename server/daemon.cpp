@@ -62,7 +62,7 @@ Daemon::Daemon(const DaemonSettings& settings, std::function<void(const std::str
       *store_, *blobs_, *launcher_, *clock_, ids_, settings.jobs, [this] { wake(); }, settings.log);
   if (const int failed = fail_jobs_without_inputs(*rows_, bytes_, *clock_); failed > 0)
     settings.log(std::to_string(failed) + " queued jobs have failed, because the disk has lost their inputs");
-  store_->read([this](JobReader& reader) {
+  rows_->read([this](JobReader& reader) {
     for (const JobState state : {JobState::Queued, JobState::Running, JobState::Cancelling})
       for (const JobRecord& job :
            reader.list({state}, std::numeric_limits<std::int64_t>::max(), std::numeric_limits<int>::max()))

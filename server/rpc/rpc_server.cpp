@@ -16,6 +16,12 @@ namespace {
 // Enough that a few slow disk operations do not hold up the rest; each costs one stack.
 constexpr int kPoolThreads = 8;
 
+// Above what the gates of the streams let in: HTTP/2 does not refuse, it lets the client wait.
+constexpr int kStreamsOfConnection = 512;
+// So that clients come back to where a proxy or a new certificate wants them; streams have the grace to end.
+constexpr int kConnectionAgeMilliseconds = 2 * 3600 * 1000;
+constexpr int kConnectionGraceMilliseconds = 600 * 1000;
+
 void enable_extensions() {
   static const bool is_enabled = [] {
     grpc::EnableDefaultHealthCheckService(true);
@@ -55,6 +61,9 @@ RpcServer::RpcServer(const RpcSettings& settings, JobManager& jobs, BlobCatalog&
   builder.AddChannelArgument(GRPC_ARG_HTTP2_MIN_RECV_PING_INTERVAL_WITHOUT_DATA_MS,
                              limits::kMinPingIntervalMilliseconds);
   builder.AddChannelArgument(GRPC_ARG_KEEPALIVE_PERMIT_WITHOUT_CALLS, 1);
+  builder.AddChannelArgument(GRPC_ARG_MAX_CONCURRENT_STREAMS, kStreamsOfConnection);
+  builder.AddChannelArgument(GRPC_ARG_MAX_CONNECTION_AGE_MS, kConnectionAgeMilliseconds);
+  builder.AddChannelArgument(GRPC_ARG_MAX_CONNECTION_AGE_GRACE_MS, kConnectionGraceMilliseconds);
   if (settings.observer) {
     std::vector<std::unique_ptr<grpc::experimental::ServerInterceptorFactoryInterface>> interceptors;
     interceptors.push_back(make_call_interceptor(authorisation_, *settings.observer));

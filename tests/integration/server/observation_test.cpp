@@ -141,13 +141,22 @@ TEST_F(Observed, EveryChangeIsInTheAuditLogAndNothingElse) {
   EXPECT_EQ(std::count(text.begin(), text.end(), '\n'), 5);
 }
 
-TEST_F(Observed, LogLinesOfAJobCarryIdAttemptAndSubmitter) {
-  const auto job = created();
+TEST_F(Observed, LogLinesOfAJobCarryIdAttemptAndSubmitterAndNoLabel) {
+  auto request = valid_request();
+  (*request.mutable_labels())["patient"] = "PAT4711";
+  request.set_request_id("DOE-JOHN");
+  v1::RegistrationJob job;
+  ASSERT_TRUE(create(request, job).ok());
   const auto launch = launcher->wait_for_start(1);
   v1::AcquireLeaseResponse lease;
   ASSERT_TRUE(acquire(launch, lease).ok());
   ASSERT_TRUE(succeed(launch).ok());
+  for (const char* secret : {"PAT4711", "patient", "DOE-JOHN", launch.token.c_str()})
+    EXPECT_THAT(audit() + daemon->metrics().text(), ::testing::Not(HasSubstr(secret)));
   std::lock_guard lock(mutex);
+  for (const LogLine& line : logged)
+    for (const char* secret : {"PAT4711", "patient", "DOE-JOHN", launch.token.c_str()})
+      EXPECT_THAT(line.message, ::testing::Not(HasSubstr(secret)));
   const auto about = [&](const std::string& message) {
     for (const LogLine& line : logged)
       if (line.message == message) return line.job + " " + std::to_string(line.attempt) + " " + line.submitter;
