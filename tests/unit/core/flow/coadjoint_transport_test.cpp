@@ -1,6 +1,7 @@
 #include "core/flow/coadjoint_transport.h"
 
 #include <gtest/gtest.h>
+#include <omp.h>
 
 #include <Eigen/LU>
 #include <cmath>
@@ -249,6 +250,30 @@ std::vector<Case> all_cases() {
 
 INSTANTIATE_TEST_SUITE_P(Evolutions, CoadjointTransportTest, ::testing::ValuesIn(all_cases()),
                          [](const auto& info) { return name_of(info.param); });
+
+// Faces add to planes beside theirs. Oracle: the same sums by one thread.
+TEST(CoadjointTransport, GivesTheSameBitsForAnyNumberOfThreads) {
+  const Lattice<3> where = {{7, 6, 23}, {1, 1.1, 1.3}, {}};
+  const std::size_t field = 3 * where.sites();
+  const std::vector<double> d = random_values(field, 1, 0.3), m0 = random_values(field, 2),
+                            m1 = random_values(3 * field, 3), w0 = random_values(field, 4),
+                            w1 = random_values(3 * field, 5);
+  const int before = omp_get_max_threads();
+  std::vector<std::vector<double>> results;
+  for (int threads : {1, 2, 5}) {
+    omp_set_num_threads(threads);
+    CoadjointTransport<3, double> transport(where, 2.3, true, true, Evolution::Exact);
+    std::vector<double> all(8 * field, 0.0);
+    double* at = all.data();
+    transport.push(d.data(), m0.data(), m1.data(), at, at + field);
+    transport.push_adjoint(d.data(), m0.data(), m1.data(), w0.data(), w1.data(), at + 4 * field, at + 4 * field,
+                           at + 5 * field);
+    results.push_back(std::move(all));
+  }
+  omp_set_num_threads(before);
+  EXPECT_EQ(results[1], results[0]);
+  EXPECT_EQ(results[2], results[0]);
+}
 
 }  // namespace
 }  // namespace saltus

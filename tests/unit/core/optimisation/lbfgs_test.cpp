@@ -258,6 +258,7 @@ class Chain final : public Objective<double> {
     if (has_second_) gradient[1] = y - x;
     seen_ = looks_ ? y - x : 0;
     if (looks_ && !has_second_) ++looks_taken;
+    looked.push_back(looks_);
     preconditioned = gradient;
     ++evaluations;
     return {0.5 * (x - 1) * (x - 1) + 0.5 * (y - x) * (y - x), true};
@@ -275,6 +276,7 @@ class Chain final : public Objective<double> {
   }
 
   int looks_taken = 0, evaluations = 0;
+  std::vector<bool> looked;  ///< by evaluation
 
  private:
   bool has_second_ = false, looks_ = true;
@@ -295,6 +297,8 @@ TEST(Minimise, EndsOnlyWhereItHasLookedOutsideTheWorkingSet) {
   EXPECT_NEAR(x[0], 1, 1e-7);
   EXPECT_NEAR(x[1], 1, 1e-7);
   EXPECT_LT(chain.looks_taken, chain.evaluations / 2);
+  EXPECT_TRUE(chain.looked[0]);
+  EXPECT_FALSE(chain.looked[1]) << "the first iteration is none of those that look";
 }
 
 /// x^4, which is approached without end, with something outside that never wants to take part.
