@@ -53,6 +53,24 @@ class Writer {
   std::string bytes;
 };
 
+/// How many bytes a Writer would write.
+class Counter {
+ public:
+  template <class T>
+  requires(std::is_arithmetic_v<T> || std::is_enum_v<T>) void operator()(const T& value) { size += sizeof value; }
+  template <class T>
+  requires std::is_arithmetic_v<T>
+  void operator()(const std::vector<T>& values) { size += sizeof(std::uint64_t) + values.size() * sizeof(T); }
+  void operator()(const std::string& text) { size += sizeof(std::uint64_t) + text.size(); }
+  template <class List, class Each>
+  void list(const List& values, Each&& each) {
+    size += sizeof(std::uint64_t);
+    for (const auto& value : values) each(*this, value);
+  }
+
+  std::size_t size = 0;
+};
+
 class Reader {
  public:
   explicit Reader(std::string_view bytes) : bytes_(bytes) {}
@@ -200,7 +218,11 @@ std::uint64_t job_fingerprint(const RegistrationInput<Dim>& input, const Registr
 }
 
 std::string encode(const Checkpoint& checkpoint, std::uint64_t job) {
+  // A large one is as large as all else that the optimiser has: a text that grows would hold it twice.
+  Counter counter;
+  transfer(counter, checkpoint);
   Writer writer;
+  writer.bytes.reserve(sizeof(Header) + counter.size);
   writer.bytes.resize(sizeof(Header));
   transfer(writer, checkpoint);
   Header header{};

@@ -39,8 +39,9 @@ std::size_t memory_estimate(const ImageGrid<Dim>& fixed, const ImageGrid<Dim>& m
     // is not known: nearly all, at worst.
     if (m.sparsity > 0) level_bytes += sites * 2 * Dim * vector;
   }
-  // L-BFGS: three vectors a pair, ten of its own.
+  // L-BFGS: three vectors a pair, ten of its own. A checkpoint, where one is asked for, holds most of that once more.
   level_bytes += unknowns * scalar * (3 * options.optimisation.history + 11);
+  level_bytes += unknowns * scalar * (3 * options.optimisation.history + 3);
 
   // At the end: fields, warped image, Jacobian, the following of both maps, and the similarity at full resolution.
   const double end_bytes = full * ((nodes + 4) * vector + 10 * scalar + similarity) + full_moving * (vector + 8);

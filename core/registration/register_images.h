@@ -31,7 +31,8 @@ template <int Dim>
 RegistrationResult<Dim> register_images(const RegistrationInput<Dim>& input, const RegistrationOptions& options,
                                         const ProgressCallback& progress = {}, const Checkpointing& checkpointing = {});
 
-/// Upper bound of the memory that register_images will use, in bytes, for admission before a run.
+/// Upper bound of the memory that register_images will use, in bytes, for admission before a run: with one checkpoint
+/// at a time.
 template <int Dim>
 std::size_t memory_estimate(const ImageGrid<Dim>& fixed, const ImageGrid<Dim>& moving,
                             const RegistrationOptions& options);

@@ -147,6 +147,16 @@ std::string refusal(const RegistrationInput<Dim>& input, const RegistrationOptio
   return "accepted";
 }
 
+TEST(Checkpoint, IsMadeInOnePieceOfMemory) {
+  std::size_t offered = 0;
+  register_images<2>(plane(), quick(), {}, {.resume = {}, .offer = [&](const Progress&, const MakeCheckpoint& make) {
+                                              const std::string blob = make();
+                                              EXPECT_EQ(blob.capacity(), blob.size());
+                                              ++offered;
+                                            }});
+  EXPECT_GT(offered, 0u);
+}
+
 TEST(Checkpoint, RefusesWhatIsDamaged) {
   const RegistrationInput<2> input = plane();
   const std::string blob = stopped_after<2>(input, quick(), 2);
