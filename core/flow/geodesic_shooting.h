@@ -43,7 +43,7 @@ class GeodesicShooting {
   const Lattice<Dim>& velocity_lattice() const { return lattice_; }
 
   /// Fills the velocities of all nodes. `blocks`, by scale (empty: all sites of all): outside them the first orders
-  /// must be 0, and cost nothing.
+  /// must be 0, and are left out of transport.
   void shoot(const std::vector<MomentumPointers<T>>& momenta, const std::vector<AxisBlocks<Dim>>& blocks = {});
 
   /// v(t_k), k = 0..time_steps, interleaved, mm per unit time.

@@ -2,6 +2,11 @@
 
 namespace saltus::server {
 
+std::string gibibytes(std::int64_t bytes) {
+  const std::int64_t tenths = (bytes * 10 + (1 << 30) - 1) >> 30;
+  return std::to_string(tenths / 10) + "." + std::to_string(tenths % 10) + " GiB";
+}
+
 bool Budget::fits(const Demand& demand) const {
   if (held_.empty()) return true;
   Demand sum = demand;

@@ -4,6 +4,7 @@
 
 #include <cstdint>
 #include <map>
+#include <string>
 
 namespace saltus::server {
 
@@ -13,6 +14,9 @@ struct Demand {
   std::int64_t memory_bytes = 0;
   bool operator==(const Demand&) const = default;
 };
+
+/// Such as "1.5 GiB", rounded up to a tenth.
+std::string gibibytes(std::int64_t bytes);
 
 /// What the daemon may give to workers, and what they hold of it. An attempt that was ended because its worker did not
 /// answer holds its share until the process is gone. Has no lock of its own.

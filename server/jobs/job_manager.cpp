@@ -17,8 +17,6 @@ constexpr auto kAll = std::numeric_limits<int>::max();
 
 // No retry waits longer than so many first delays, whatever the wall clock says: 4 ^ 3.
 constexpr int kLongestRetry = 64;
-// SIGXCPU: the kernel ends a process that has used up the limit it was given.
-constexpr int kProcessorTimeSignal = 24;
 // How long a daemon takes that goes down and comes back.
 constexpr std::chrono::milliseconds kRestart{5000};
 
@@ -27,26 +25,6 @@ Demand total_of(const ManagerSettings& settings) {
   total.threads = settings.thread_budget > 0 ? settings.thread_budget : std::numeric_limits<int>::max();
   total.memory_bytes = settings.memory_budget > 0 ? settings.memory_budget : std::numeric_limits<std::int64_t>::max();
   return total;
-}
-
-std::string gibibytes(std::int64_t bytes) {
-  const std::int64_t tenths = (bytes * 10 + (1 << 30) - 1) >> 30;
-  return std::to_string(tenths / 10) + "." + std::to_string(tenths % 10) + " GiB";
-}
-
-JobFailure failure_of(Limit limit, const JobLimits& limits) {
-  switch (limit) {
-    case Limit::WallTime:
-      return {"WALL_TIME", "the attempt has taken the " + std::to_string(limits.wall_seconds) +
-                               " s that the job allows it; allow more, or choose a faster preset"};
-    case Limit::CpuTime:
-      return {"CPU_TIME", "the attempt has used the " + std::to_string(limits.cpu_seconds) +
-                              " s of processor time that the job allows it; allow more, or choose a faster preset"};
-    case Limit::Memory:
-      return {"MEMORY_LIMIT", "the worker uses more than the " + gibibytes(limits.memory_bytes) +
-                                  " that the job allows it; allow more, or crop the images"};
-  }
-  return {};
 }
 
 Refusal draining() {
@@ -58,16 +36,6 @@ Refusal paused() {
   return {RefusalKind::Unavailable, "DRAINING",
           "an administrator has this daemon drained, so it takes no new jobs; try again later"};
 }
-
-Refusal lease_lost(const AttemptKey& key) {
-  return {RefusalKind::Aborted, "LEASE_LOST",
-          "attempt " + std::to_string(key.attempt) + " of job " + key.job_id +
-              " is not wanted any more; the worker must end without output"};
-}
-
-}  // namespace
-
-namespace {
 
 /// After `decide` has changed the job: the row of a checkpoint that it has no more goes in the same transaction.
 template <class Decide>
@@ -83,12 +51,6 @@ std::optional<JobRecord> with_checkpoint_dropped(JobTable& table, const std::str
 }
 
 }  // namespace
-
-/// What one transaction has done.
-struct JobManager::Change {
-  std::optional<JobRecord> job;
-  std::vector<std::string> orphans;  ///< digests of blobs that have lost their row
-};
 
 JobManager::JobManager(JobStore& store, BlobCatalog& blobs, Launcher& launcher, const Clock& clock, IdSource& ids,
                        ManagerSettings settings, std::function<void()> wake,
@@ -108,18 +70,23 @@ JobManager::JobManager(JobStore& store, BlobCatalog& blobs, Launcher& launcher, 
   launcher_.on_exit([this](const AttemptKey& key, const WorkerExit& exit) { worker_ended(key, exit); });
 }
 
-void JobManager::write_change(const std::string& id, std::function<std::optional<JobRecord>(JobTable&)> decide,
-                              std::function<void(std::exception_ptr, const Change&)> done) {
+void JobManager::write_job(const std::string& id, std::function<std::optional<JobRecord>(JobTable&)> decide,
+                           std::function<void(std::exception_ptr, const Change&)> done) {
   auto change = std::make_shared<Change>();
   store_.write([change, id, decide = std::move(decide)](
                    JobTable& table) { change->job = with_checkpoint_dropped(table, id, decide, change->orphans); },
                [this, change, done = std::move(done)](std::exception_ptr error) {
-                 if (!error) {
-                   if (change->job) committed(*change->job);
-                   if (!change->orphans.empty()) blobs_.drop_bytes(change->orphans);
-                 }
+                 if (!error && !change->orphans.empty()) blobs_.drop_bytes(change->orphans);
                  done(error, *change);
                });
+}
+
+void JobManager::write_change(const std::string& id, std::function<std::optional<JobRecord>(JobTable&)> decide,
+                              std::function<void(std::exception_ptr, const Change&)> done) {
+  write_job(id, std::move(decide), [this, done = std::move(done)](std::exception_ptr error, const Change& change) {
+    if (!error && change.job) committed(*change.job);
+    done(error, change);
+  });
 }
 
 void JobManager::committed(const JobRecord& job) {
@@ -285,225 +252,6 @@ JobView JobManager::view(const JobRecord& job) {
   const WallTime start = estimate_start(view.queue_position, std::move(running), settings_.slots, *typical, now);
   view.estimated_start = std::max(start, job.not_before.value_or(start));
   return view;
-}
-
-LeaseGrant JobManager::acquire(const AttemptKey& key, const std::string& token) {
-  {
-    std::lock_guard lock(mutex_);
-    const auto wanted = leases_.renew(key, ids_.fingerprint(token), clock_.steady());
-    if (wanted != LeaseTable::Wanted::Continue) throw lease_lost(key);
-  }
-  JobRecord job;
-  store_.read([&](JobReader& reader) { job = require_job(reader, key.job_id); });
-  return {job.spec,
-          threads_of(job),
-          settings_.lease,
-          settings_.heartbeat_interval,
-          job.limits,
-          job.checkpoint,
-          settings_.checkpoint_interval};
-}
-
-void JobManager::put_checkpoint(const AttemptKey& key, const std::string& token, const Checkpoint& checkpoint,
-                                Reply<JobRecord> reply) {
-  // No state changes, so nobody is told.
-  auto kept = std::make_shared<Change>();
-  store_.write(
-      [this, key, token, checkpoint, kept](JobTable& table) {
-        const auto put = [&](JobTable& rows) -> std::optional<JobRecord> {
-          return queue_.put_checkpoint(rows, key, token, checkpoint);
-        };
-        kept->job = with_checkpoint_dropped(table, key.job_id, put, kept->orphans);
-      },
-      [this, kept, reply = std::move(reply)](std::exception_ptr error) {
-        if (!error && !kept->orphans.empty()) blobs_.drop_bytes(kept->orphans);
-        reply(error, error ? JobRecord{} : *kept->job);
-      });
-}
-
-LeaseTable::Wanted JobManager::heartbeat(const AttemptKey& key, const std::string& token, const JobProgress& progress) {
-  std::optional<LeaseTable::Wanted> wanted;
-  {
-    std::lock_guard lock(mutex_);
-    wanted = leases_.renew(key, ids_.fingerprint(token), clock_.steady());
-    if (!wanted) throw lease_lost(key);
-    progress_[key.job_id] = progress;
-    leases_.progressed(key, progress, clock_.steady());
-  }
-  watchers_.progressed(key.job_id, progress);
-  return *wanted;
-}
-
-void JobManager::complete(const AttemptKey& key, const std::string& token, const Outcome& outcome,
-                          Reply<JobRecord> reply) {
-  write_change(
-      key.job_id,
-      [this, key, token, outcome](JobTable& table) {
-        return queue_.complete(table, key, token, outcome, is_draining_ ? LossCause::Released : LossCause::Stopped);
-      },
-      [reply = std::move(reply)](std::exception_ptr error, const Change& change) {
-        reply(error, error ? JobRecord{} : *change.job);
-      });
-}
-
-void JobManager::end_attempt(const AttemptKey& key, std::function<std::optional<JobRecord>(JobTable&)> decide,
-                             const std::string& detail, Ending ending) {
-  if (ending != Ending::None) {
-    std::lock_guard lock(mutex_);
-    by_force_.insert(key);
-  }
-  write_change(key.job_id, std::move(decide), [=, this](std::exception_ptr error, const Change& change) {
-    {
-      std::lock_guard lock(mutex_);
-      by_force_.erase(key);
-      if (error) {
-        // Not recorded: the lease stays, so that its end comes due once more.
-        leases_.retry_end(key, clock_.steady());
-        return;
-      }
-      if (!change.job) {
-        // The attempt had ended before: nothing was lost, and its lease must not hold a slot.
-        leases_.end(key);
-        running_.erase(key);
-        budget_.ended(key, ending != Ending::None);
-      }
-    }
-    // Only now: the death of the process must not count as a crash.
-    if (ending == Ending::Terminate) launcher_.terminate(key);
-    if (ending == Ending::Kill) launcher_.kill(key);
-    if (change.job && !detail.empty())
-      log_("job " + key.job_id + ", attempt " + std::to_string(key.attempt) + ": " + detail);
-  });
-}
-
-void JobManager::lose(const AttemptKey& key, LossCause cause, const std::string& detail, Ending ending) {
-  const bool is_quiet = cause == LossCause::Exited && detail == "exit code 0";
-  end_attempt(
-      key, [this, key, cause, detail](JobTable& table) { return queue_.lose(table, key, cause, detail); },
-      is_quiet ? "" : describe(cause, detail), ending);
-}
-
-void JobManager::fail(const AttemptKey& key, Limit limit, Ending ending) {
-  end_attempt(
-      key,
-      [this, key, limit](JobTable& table) -> std::optional<JobRecord> {
-        const auto job = table.find(key.job_id);
-        if (!job) return std::nullopt;
-        // A limit that the job did not ask for was set by somebody else.
-        if (limit == Limit::CpuTime && job->limits.cpu_seconds == 0)
-          return queue_.lose(table, key, LossCause::Crashed, "signal " + std::to_string(kProcessorTimeSignal));
-        return queue_.fail(table, key, failure_of(limit, job->limits));
-      },
-      "", ending);
-}
-
-void JobManager::worker_ended(const AttemptKey& key, const WorkerExit& exit) {
-  {
-    std::lock_guard lock(mutex_);
-    retired_.erase(key);
-    budget_.exited(key);
-  }
-  wake_();
-  const std::string number = std::to_string(exit.number);
-  if (is_draining_) return lose(key, LossCause::Released, "");
-  switch (exit.kind) {
-    case WorkerExit::Kind::Exited:
-      return lose(key, LossCause::Exited, "exit code " + number);
-    case WorkerExit::Kind::Signalled:
-      if (exit.number == kProcessorTimeSignal) return fail(key, Limit::CpuTime, Ending::None);
-      return lose(key, LossCause::Crashed, "signal " + number);
-    case WorkerExit::Kind::Vanished:
-      return lose(key, LossCause::Vanished, "");
-  }
-}
-
-void JobManager::tick() {
-  const SteadyTime now = clock_.steady();
-  LeaseTable::Due due;
-  std::deque<LaunchRequest> launches;
-  {
-    std::lock_guard lock(mutex_);
-    due = leases_.due(now);
-    launches.swap(launches_);
-    for (auto it = retired_.begin(); it != retired_.end();) {
-      if (now < it->second) {
-        ++it;
-        continue;
-      }
-      due.kill.push_back(it->first);
-      it = retired_.erase(it);
-    }
-    if (drain_started_ && now >= *drain_started_ + settings_.drain_grace)
-      for (const AttemptKey& key : leases_.all()) due.kill.push_back(key);
-  }
-  // A process that does not heed the request to end is killed after `linger`, as every one that outlives its attempt.
-  for (const AttemptKey& key : due.expired) lose(key, LossCause::LeaseExpired, "", Ending::Kill);
-  const auto stall = std::chrono::round<std::chrono::seconds>(settings_.stall_timeout).count();
-  for (const AttemptKey& key : due.stalled)
-    lose(key, LossCause::Stalled, std::to_string(stall) + " s", Ending::Terminate);
-  for (const auto& [key, limit] : due.over_limit) fail(key, limit, Ending::Terminate);
-  for (const AttemptKey& key : due.terminate) launcher_.terminate(key);
-  for (const AttemptKey& key : due.kill) launcher_.kill(key);
-  for (const LaunchRequest& request : launches) launch(request);
-  dispatch();
-}
-
-void JobManager::launch(const LaunchRequest& request) {
-  const AttemptKey key = request.key;
-  {
-    std::unique_lock lock(mutex_);
-    const bool is_unwanted = drain_started_.has_value() || leases_.is_cancelled(key);
-    lock.unlock();
-    if (is_unwanted) return lose(key, LossCause::Released, "");
-  }
-  std::string process;
-  try {
-    process = launcher_.start(request);
-  } catch (const std::exception& error) {
-    return lose(key, LossCause::LaunchFailed, error.what());
-  }
-  {
-    std::lock_guard lock(mutex_);
-    budget_.has_process(key);
-  }
-  store_.write(
-      [key, process](JobTable& table) {
-        auto job = table.find(key.job_id);
-        if (!job || job->attempt != key.attempt || !is_held(job->state)) return;
-        job->process = process;
-        table.update(*job);
-      },
-      // When this is not kept, a restarted daemon finds the worker by its heartbeats instead.
-      [](std::exception_ptr) {});
-}
-
-void JobManager::dispatch() {
-  std::optional<WaitingJob> next;
-  {
-    std::lock_guard lock(mutex_);
-    if (is_dispatching_ || drain_started_ || is_paused_ || queued_ == 0 || !budget_.fits({0, 0})) return;
-    next = waiting_.next(clock_.wall(), clock_.steady(), [this](const Demand& demand) { return budget_.fits(demand); });
-    if (!next) return;
-    is_dispatching_ = true;
-  }
-  auto taken = std::make_shared<std::optional<JobQueue::Taken>>();
-  store_.write([this, id = next->id, taken](JobTable& table) { *taken = queue_.start(table, id); },
-               [this, next = *next, taken](std::exception_ptr error) {
-                 {
-                   std::lock_guard lock(mutex_);
-                   is_dispatching_ = false;
-                   if (error) return;
-                   if (!*taken) return waiting_.remove(next.id);
-                   const JobRecord& job = (*taken)->job;
-                   const AttemptKey key{job.id, job.attempt};
-                   waiting_.started(job.id);
-                   leases_.grant(key, job.token_hash, clock_.steady(), job.limits);
-                   running_[key] = *job.started;
-                   budget_.take(key, next.demand);
-                   launches_.push_back({key, (*taken)->token, next.demand.threads, job.limits});
-                 }
-                 committed((*taken)->job);
-               });
 }
 
 void JobManager::begin_drain() {

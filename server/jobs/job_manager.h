@@ -95,8 +95,8 @@ class JobManager {
   LeaseGrant acquire(const AttemptKey& key, const std::string& token);
   /// Never blocks.
   LeaseTable::Wanted heartbeat(const AttemptKey& key, const std::string& token, const JobProgress& progress);
-  /// See JobQueue::put_checkpoint. The bytes of the checkpoint
-  /// before it are removed once this one is durable; the last one goes when the job ends.
+  /// See JobQueue::put_checkpoint. The bytes of the checkpoint before it are removed once this one is durable; the last
+  /// one goes when the job ends.
   void put_checkpoint(const AttemptKey& key, const std::string& token, const Checkpoint& checkpoint,
                       Reply<JobRecord> reply);
   void complete(const AttemptKey& key, const std::string& token, const Outcome& outcome, Reply<JobRecord> reply);
@@ -118,8 +118,15 @@ class JobManager {
   bool counts_memory() const { return settings_.memory_budget > 0; }
 
  private:
-  struct Change;
-  /// Changes one job, then tells everybody who has to know. A checkpoint that the job has no more is removed.
+  /// What one transaction has done.
+  struct Change {
+    std::optional<JobRecord> job;
+    std::vector<std::string> orphans;  ///< digests of blobs that have lost their row
+  };
+  /// Changes the row of one job. A checkpoint that the job has no more is removed.
+  void write_job(const std::string& id, std::function<std::optional<JobRecord>(JobTable&)> decide,
+                 std::function<void(std::exception_ptr, const Change&)> done);
+  /// As write_job, then tells everybody who has to know.
   void write_change(const std::string& id, std::function<std::optional<JobRecord>(JobTable&)> decide,
                     std::function<void(std::exception_ptr, const Change&)> done);
   void committed(const JobRecord& job);

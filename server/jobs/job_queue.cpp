@@ -1,7 +1,7 @@
 #include "server/jobs/job_queue.h"
 
-#include "server/jobs/job_transitions.h"
 #include "server/jobs/input_refusal.h"
+#include "server/jobs/job_transitions.h"
 #include "server/jobs/refusal.h"
 
 #include <algorithm>

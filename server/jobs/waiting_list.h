@@ -39,7 +39,8 @@ struct FairnessRules {
 /// submitters take turns, one job each, whoever has waited longest for a turn first; within a submitter the older job
 /// first. Whose turn it is starts anew with the daemon.
 ///
-/// Has no lock and no clock of its own. Operations take logarithmic time and position() the number of submitters.
+/// Has no lock and no clock of its own. put() and remove() find their place in logarithmic time and move what is behind
+/// it in the submitter's row; next() and position() go through the submitters.
 class WaitingList {
  public:
   explicit WaitingList(FairnessRules rules = {}) : rules_(rules) {}

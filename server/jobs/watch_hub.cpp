@@ -56,8 +56,7 @@ void WatchHub::end(const std::shared_ptr<Subscription>& subscription) {
   if (found->second.empty()) subscriptions_.erase(found);
 }
 
-void WatchHub::observe(std::function<void(const JobRecord&)> changed,
-                       std::function<void(const std::string&)> deleted) {
+void WatchHub::observe(std::function<void(const JobRecord&)> changed, std::function<void(const std::string&)> deleted) {
   on_changed_ = std::move(changed);
   on_deleted_ = std::move(deleted);
 }

@@ -1,6 +1,6 @@
 #include "server/rpc/fsck_stream.h"
 
-#include "server/rpc/status_map.h"
+#include "server/rpc/pooled_writer.h"
 
 #include <algorithm>
 #include <memory>
@@ -25,44 +25,17 @@ v1::FsckFinding::Kind to_message(FsckFinding::Kind kind) {
   return v1::FsckFinding::KIND_UNSPECIFIED;
 }
 
-/// At any moment either a write or a task is under way, or the stream is finished; whoever has the turn may touch the
-/// members.
-class FsckStream final : public grpc::ServerWriteReactor<v1::FsckResponse> {
+class FsckStream final : public PooledWriter<v1::FsckResponse> {
  public:
   FsckStream(Maintenance& maintenance, TaskPool& pool, StreamGate& gate, StallWatch& stalls,
              grpc::CallbackServerContext& context)
-      : pool_(pool), context_(context), stall_(stalls, context) {
-    try {
-      pass_ = gate.enter();
-      fsck_ = maintenance.fsck();
-    } catch (...) {
-      finish(std::current_exception());
-      return;
-    }
-    post();
+      : PooledWriter(pool, stalls, context), maintenance_(maintenance) {
+    begin(gate, [] {});
   }
-
-  void OnWriteDone(bool is_ok) override {
-    stall_.moved();
-    if (!is_ok) return Finish(grpc::Status::CANCELLED);
-    post();
-  }
-
-  void OnDone() override { delete this; }
 
  private:
-  void post() {
-    pool_.post([this] {
-      try {
-        check();
-      } catch (...) {
-        finish(std::current_exception());
-      }
-    });
-  }
-
-  void check() {
-    if (context_.IsCancelled()) return Finish(grpc::Status::CANCELLED);
+  void step() override {
+    if (!fsck_) fsck_ = maintenance_.fsck();
     if (is_told_) return finish(nullptr);
     if (!is_over_) is_over_ = !fsck_->step(kStepBytes);
     for (FsckFinding& finding : fsck_->take_findings()) findings_.push_back(std::move(finding));
@@ -90,24 +63,14 @@ class FsckStream final : public grpc::ServerWriteReactor<v1::FsckResponse> {
     response_.set_orphans(report.orphans);
     response_.set_uploads(report.uploads);
     response_.set_set_aside(report.set_aside);
-    stall_.waits();
-    StartWrite(&response_);
+    write();
   }
 
-  /// The client must find the place free when it has the answer.
-  void finish(std::exception_ptr error) {
-    fsck_.reset();
-    pass_.reset();
-    Finish(status_of(error, context_));
-  }
+  void release() override { fsck_.reset(); }
 
-  TaskPool& pool_;
-  grpc::CallbackServerContext& context_;
-  StallWatch::Stream stall_;
-  StreamGate::Pass pass_;
+  Maintenance& maintenance_;
   std::unique_ptr<Fsck> fsck_;
   std::vector<FsckFinding> findings_;
-  v1::FsckResponse response_;
   std::int64_t told_bytes_ = 0;
   bool is_over_ = false;
   bool is_told_ = false;

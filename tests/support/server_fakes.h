@@ -1,5 +1,6 @@
 #pragma once
 
+#include "server/jobs/blob_store.h"
 #include "server/jobs/clock.h"
 #include "server/jobs/id_source.h"
 #include "server/jobs/job_store.h"
@@ -43,6 +44,26 @@ class FakeIds final : public server::IdSource {
  private:
   int jobs_ = 0;
   int tokens_ = 0;
+};
+
+/// Has every blob and remembers what was removed; whoever needs more of it is told that it is not here.
+class RecordingBlobs final : public server::BlobStore {
+ public:
+  std::unique_ptr<server::BlobUpload> begin(const server::UploadPlan&) override { not_here(); }
+  std::int64_t committed(const server::UploadPlan&) override { not_here(); }
+  void publish(server::BlobUpload&) override { not_here(); }
+  bool holds(const std::string&, std::int64_t) const override { return true; }
+  std::unique_ptr<server::BlobReader> open(const std::string&, std::int64_t) override { not_here(); }
+  void remove(const std::string& digest) override { removed.push_back(digest); }
+  std::vector<std::string> named_before(server::WallTime) override { not_here(); }
+  Leftovers expire_uploads(std::chrono::milliseconds) override { not_here(); }
+  int uploads_left() override { not_here(); }
+  int set_aside() override { not_here(); }
+
+  std::vector<std::string> removed;
+
+ private:
+  [[noreturn]] static void not_here() { throw std::logic_error("this fake does not have it"); }
 };
 
 /// Rows in memory. Every method does what the header of JobTable says.

@@ -1,13 +1,13 @@
 // Who gets in, and what may he do? Over real connections with mutual TLS.
 #include "core/support/errors.h"
 #include "tests/integration/server/daemon_test.h"
+#include "tests/integration/server/generic_call.h"
 
 #include "saltus/v1/admin.pb.h"
 #include "tests/support/certificates.h"
 
 #include <gmock/gmock.h>
 #include <google/protobuf/descriptor.h>
-#include <grpcpp/generic/generic_stub.h>
 #include <grpcpp/security/credentials.h>
 
 #include <map>
@@ -56,26 +56,7 @@ class Access : public testing_support::DaemonTest {
 
   /// Sends one empty message, and hangs up when an answer comes.
   static grpc::Status call(const std::shared_ptr<grpc::Channel>& channel, const std::string& method) {
-    grpc::GenericStub stub(channel);
-    grpc::ClientContext context;
-    grpc::CompletionQueue queue;
-    const auto next = [&] {
-      void* tag = nullptr;
-      bool is_ok = false;
-      return queue.Next(&tag, &is_ok) && is_ok;
-    };
-    const auto call = stub.PrepareCall(&context, method, &queue);
-    call->StartCall(nullptr);
-    next();
-    call->WriteLast(grpc::ByteBuffer(nullptr, 0), {}, nullptr);
-    next();
-    grpc::ByteBuffer answer;
-    call->Read(&answer, nullptr);
-    if (next()) context.TryCancel();
-    grpc::Status status;
-    call->Finish(&status, nullptr);
-    next();
-    return status;
+    return testing_support::call_by_name(channel, method, "", true).status;
   }
 
   Authority authority;

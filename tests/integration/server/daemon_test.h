@@ -89,17 +89,23 @@ class DaemonTest : public ::testing::Test {
     writer->WritesDone();
     return writer->Finish();
   }
+  /// The first message of an upload that can be continued.
+  static v1::WriteBlobRequest announcement(const std::string& content, std::size_t offset = 0,
+                                           const std::string& id = "id") {
+    v1::WriteBlobRequest request;
+    request.set_digest(digest_of(content));
+    request.set_size(static_cast<std::int64_t>(content.size()));
+    request.set_upload_id(id);
+    request.set_write_offset(static_cast<std::int64_t>(offset));
+    return request;
+  }
   /// One stream of an upload that can be continued: the bytes from `offset` on, at most `count` of them.
   grpc::Status upload_part(const std::string& content, std::size_t offset, std::size_t count,
                            std::string* reason = nullptr, const std::string& id = "id", std::size_t chunk = 1 << 20) {
     grpc::ClientContext context;
     v1::WriteBlobResponse response;
     auto writer = blobs->WriteBlob(&context, &response);
-    v1::WriteBlobRequest request;
-    request.set_digest(digest_of(content));
-    request.set_size(static_cast<std::int64_t>(content.size()));
-    request.set_upload_id(id);
-    request.set_write_offset(static_cast<std::int64_t>(offset));
+    v1::WriteBlobRequest request = announcement(content, offset, id);
     const std::size_t end = std::min(content.size(), offset + count);
     bool is_open = writer->Write(request);
     request.Clear();

@@ -1,9 +1,9 @@
 // Health and reflection, which Debian has no generated code for: the messages are written as bytes.
 #include "tests/integration/server/daemon_test.h"
+#include "tests/integration/server/generic_call.h"
 #include "tests/support/fake_disk.h"
 
 #include <gmock/gmock.h>
-#include <grpcpp/generic/generic_stub.h>
 
 namespace saltus::server {
 namespace {
@@ -12,30 +12,10 @@ class Health : public testing_support::DaemonTest {
  protected:
   /// Sends one message and returns the first answer.
   std::string ask(const std::string& method, const std::string& bytes) {
-    grpc::GenericStub stub(channel);
-    grpc::ClientContext context;
-    grpc::CompletionQueue queue;
-    const auto next = [&] {
-      void* tag = nullptr;
-      bool is_ok = false;
-      return queue.Next(&tag, &is_ok) && is_ok;
-    };
-    const auto call = stub.PrepareCall(&context, method, &queue);
-    call->StartCall(nullptr);
-    EXPECT_TRUE(next());
-    const grpc::Slice slice(bytes);
-    call->WriteLast(grpc::ByteBuffer(&slice, 1), {}, nullptr);
-    EXPECT_TRUE(next());
-    grpc::ByteBuffer answer;
-    call->Read(&answer, nullptr);
-    EXPECT_TRUE(next());
-    grpc::Status status;
-    call->Finish(&status, nullptr);
-    EXPECT_TRUE(next());
-    EXPECT_TRUE(status.ok()) << status.error_message();
-    grpc::Slice whole;
-    EXPECT_TRUE(answer.DumpToSingleSlice(&whole).ok());
-    return {reinterpret_cast<const char*>(whole.begin()), whole.size()};
+    const auto answer = testing_support::call_by_name(channel, method, bytes, false);
+    EXPECT_TRUE(answer.is_answered);
+    EXPECT_TRUE(answer.status.ok()) << answer.status.error_message();
+    return answer.bytes;
   }
 };
 

@@ -68,10 +68,7 @@ TEST_F(ResumableUpload, AStreamThatIsCancelledLeavesWhatIsSafe) {
     grpc::ClientContext context;
     v1::WriteBlobResponse response;
     const auto writer = blobs->WriteBlob(&context, &response);
-    v1::WriteBlobRequest request;
-    request.set_digest(digest_of(content));
-    request.set_size(static_cast<std::int64_t>(content.size()));
-    request.set_upload_id("id");
+    v1::WriteBlobRequest request = announcement(content);
     for (std::size_t at = 0; at < (9u << 20); at += 1 << 20) {
       request.set_data(content.substr(at, 1 << 20));
       ASSERT_TRUE(writer->Write(request));

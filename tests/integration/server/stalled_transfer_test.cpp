@@ -81,10 +81,7 @@ TEST_F(StalledTransfer, AWriterThatFallsSilentLosesItsPlaceAndNotItsBytes) {
   grpc::ClientContext context;
   v1::WriteBlobResponse response;
   const auto writer = blobs->WriteBlob(&context, &response);
-  v1::WriteBlobRequest request;
-  request.set_digest(digest_of(content));
-  request.set_size(static_cast<std::int64_t>(content.size()));
-  request.set_upload_id("id");
+  v1::WriteBlobRequest request = announcement(content);
   request.set_data(content.substr(0, 1000000));
   ASSERT_TRUE(writer->Write(request));
   EXPECT_EQ(finish_as_time_passes(*writer), grpc::StatusCode::CANCELLED);

@@ -11,9 +11,8 @@
 namespace saltus {
 namespace {
 
-// A constant in time counts once, whatever the number of steps: the trapezoidal rule halves both ends.
-TEST(MatchingObjective, TakesTheDivergencePenaltyOverTimeByTheTrapezoidalRule) {
-  omp_set_num_threads(1);
+/// Two images of plane waves.
+MatchingLevel<2, double> waves() {
   MatchingLevel<2, double> level;
   level.lattice.size = {19, 17};
   level.lattice.spacing = {1, 1.25};
@@ -22,6 +21,13 @@ TEST(MatchingObjective, TakesTheDivergencePenaltyOverTimeByTheTrapezoidalRule) {
   level.moving.samples = testing::random_waves<2>(level.lattice, 2);
   level.moving.linear = Vector<2>(1, 0.8).asDiagonal();
   level.moving.offset = Vector<2>::Zero();
+  return level;
+}
+
+// A constant in time counts once, whatever the number of steps: the trapezoidal rule halves both ends.
+TEST(MatchingObjective, TakesTheDivergencePenaltyOverTimeByTheTrapezoidalRule) {
+  omp_set_num_threads(1);
+  MatchingLevel<2, double> level = waves();
   level.evolution = Evolution::Exact;
   RegistrationOptions options = default_options(Model::Gaussian, SimilarityType::Ssd, Preset::Balanced);
   options.momenta.width_voxels = 4;
@@ -61,14 +67,7 @@ TEST(MatchingObjective, TakesTheDivergencePenaltyOverTimeByTheTrapezoidalRule) {
 // Only component i of m_i opens or closes: it gets no gradient, and all others theirs.
 TEST(MatchingObjective, GivesNoGradientToWhatIsNoShear) {
   omp_set_num_threads(1);
-  MatchingLevel<2, double> level;
-  level.lattice.size = {19, 17};
-  level.lattice.spacing = {1, 1.25};
-  level.fixed = testing::random_waves<2>(level.lattice, 1);
-  level.moving.lattice = level.lattice;
-  level.moving.samples = testing::random_waves<2>(level.lattice, 2);
-  level.moving.linear = Vector<2>(1, 0.8).asDiagonal();
-  level.moving.offset = Vector<2>::Zero();
+  MatchingLevel<2, double> level = waves();
   RegistrationOptions options = default_options(Model::Wendland1, SimilarityType::Ssd, Preset::Balanced);
   options.momenta.width_voxels = 4;
   options.momenta.scales = options.momenta.first_order_scales = 1;

@@ -17,20 +17,6 @@ constexpr int kSlots = 3;
 constexpr int kSteps = 400;
 constexpr auto kLease = 30s;
 
-class NoBlobs final : public BlobStore {
- public:
-  std::unique_ptr<BlobUpload> begin(const UploadPlan&) override { throw std::logic_error("not here"); }
-  std::int64_t committed(const UploadPlan&) override { throw std::logic_error("not here"); }
-  void publish(BlobUpload&) override { throw std::logic_error("not here"); }
-  bool holds(const std::string&, std::int64_t) const override { return true; }
-  std::unique_ptr<BlobReader> open(const std::string&, std::int64_t) override { throw std::logic_error("not here"); }
-  void remove(const std::string&) override {}
-  std::vector<std::string> named_before(WallTime) override { throw std::logic_error("not here"); }
-  Leftovers expire_uploads(std::chrono::milliseconds) override { throw std::logic_error("not here"); }
-  int uploads_left() override { throw std::logic_error("not here"); }
-  int set_aside() override { throw std::logic_error("not here"); }
-};
-
 /// What a client knows of a job, and what the rules say about it.
 struct Known {
   JobState state = JobState::Queued;
@@ -297,7 +283,7 @@ class JobModel : public ::testing::TestWithParam<unsigned> {
   testing_support::FakeClock clock;
   testing_support::FakeIds ids;
   testing_support::MemoryStore store;
-  NoBlobs bytes;
+  testing_support::RecordingBlobs bytes;
   BlobCatalog blobs{store, bytes, clock};
   std::unique_ptr<testing_support::FakeLauncher> launcher;
   std::unique_ptr<JobManager> manager;
