@@ -4,26 +4,66 @@
 #include <csignal>
 #include <cstdlib>
 #include <fstream>
+#include <iostream>
+#include <new>
 #include <string>
+
+#include <unistd.h>
 
 namespace saltus {
 namespace {
 
+/// Without a limit of the process, taking memory must not take the whole machine's.
+constexpr std::size_t most_memory = std::size_t{1} << 30;
+constexpr std::size_t piece = 1 << 16;
+
 struct Chosen {
   std::string name;
+  std::string action = "kill";
   const char* armed_file = std::getenv("SALTUS_FAILPOINT_ARMED");
+  const char* once_file = std::getenv("SALTUS_FAILPOINT_ONCE");
   std::atomic<int> passes_left = 1;
 
   Chosen() {
     const char* text = std::getenv("SALTUS_FAILPOINT");
     if (!text) return;
     name = text;
-    const auto colon = name.find(':');
-    if (colon == std::string::npos) return;
-    passes_left = std::atoi(name.c_str() + colon + 1);
-    name.resize(colon);
+    if (const auto equals = name.find('='); equals != std::string::npos) {
+      action = name.substr(equals + 1);
+      name.resize(equals);
+    }
+    if (const auto colon = name.find(':'); colon != std::string::npos) {
+      passes_left = std::atoi(name.c_str() + colon + 1);
+      name.resize(colon);
+    }
   }
 };
+
+/// A write that no compiler may leave out, and with it the allocation.
+void touch(void* memory) { *static_cast<volatile char*>(memory) = 1; }
+
+void take_memory_by_new() {
+#pragma omp parallel num_threads(2)
+  for (std::size_t taken = 0; taken < most_memory; taken += piece) touch(::operator new(piece));
+}
+
+void take_memory_by_malloc() {
+  for (std::size_t taken = 0; taken < most_memory; taken += piece) {
+    void* const memory = std::malloc(piece);
+    if (!memory) std::abort();
+    touch(memory);
+  }
+}
+
+void act(const std::string& action) {
+  if (action == "segv") std::raise(SIGSEGV);
+  if (action == "exit") _exit(0);
+  if (action == "stop") std::raise(SIGSTOP);
+  if (action == "new") take_memory_by_new();
+  if (action == "malloc") take_memory_by_malloc();
+  while (action == "hang") pause();
+  for (std::atomic<int> turns = 0; action == "spin";) ++turns;
+}
 
 }  // namespace
 
@@ -31,7 +71,11 @@ void reach_failpoint(const char* name) {
   static Chosen chosen;
   if (chosen.name != name) return;
   if (chosen.armed_file && !std::ifstream(chosen.armed_file)) return;
-  if (--chosen.passes_left == 0) std::raise(SIGKILL);
+  if (--chosen.passes_left != 0) return;
+  if (chosen.once_file && unlink(chosen.once_file) != 0) return;
+  if (chosen.action == "kill") std::raise(SIGKILL);
+  std::cerr << "failpoint " << name << ": " << chosen.action << std::endl;
+  act(chosen.action);
 }
 
 }  // namespace saltus

@@ -20,6 +20,9 @@ JobFailure failure_of(Limit limit, const JobLimits& limits) {
       return {"CPU_TIME", "the attempt has used the " + std::to_string(limits.cpu_seconds) +
                               " s of processor time that the job allows it; allow more, or choose a faster preset"};
     case Limit::Memory:
+      if (limits.memory_bytes == 0)
+        return {"MEMORY_LIMIT",
+                "the worker found no memory left on its machine; crop the images, or run fewer jobs at the same time"};
       return {"MEMORY_LIMIT", "the worker uses more than the " + gibibytes(limits.memory_bytes) +
                                   " that the job allows it; allow more, or crop the images"};
   }
@@ -149,6 +152,7 @@ void JobManager::worker_ended(const AttemptKey& key, const WorkerExit& exit) {
   if (is_draining_) return lose(key, LossCause::Released, "");
   switch (exit.kind) {
     case WorkerExit::Kind::Exited:
+      if (exit.number == kOutOfMemoryExit) return fail(key, Limit::Memory, Ending::None);
       return lose(key, LossCause::Exited, "exit code " + number);
     case WorkerExit::Kind::Signalled:
       if (exit.number == kProcessorTimeSignal) return fail(key, Limit::CpuTime, Ending::None);

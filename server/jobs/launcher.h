@@ -25,6 +25,9 @@ struct WorkerExit {
   int number = 0;
 };
 
+/// The exit code of a worker that had no memory left, not even for telling so.
+constexpr int kOutOfMemoryExit = 6;
+
 /// Starts and ends worker processes. Thread-safe.
 class Launcher {
  public:

@@ -1,5 +1,6 @@
 #include "server/worker/process_limits.h"
 
+#include <sys/mman.h>
 #include <sys/resource.h>
 #include <unistd.h>
 
@@ -22,7 +23,28 @@ constexpr std::int64_t stack_bytes = 8ll << 20;
 constexpr int network_threads = 8;
 
 std::atomic<bool> is_cpu_time_used_up = false;
-static_assert(std::atomic<bool>::is_always_lock_free, "set by a signal handler");
+std::atomic<bool> is_memory_used_up = false;
+std::atomic<int> out_of_memory_code = 0;
+static_assert(std::atomic<bool>::is_always_lock_free && std::atomic<int>::is_always_lock_free,
+              "used by signal handlers");
+
+/// What malloc asks the kernel for when everything smaller was refused.
+constexpr std::size_t smallest_request = 1 << 20;
+
+/// A system call and nothing else, so that it may be used in a signal handler.
+bool has_memory_left() {
+  void* const memory = mmap(nullptr, smallest_request, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0);
+  if (memory == MAP_FAILED) return false;
+  munmap(memory, smallest_request);
+  return true;
+}
+
+void on_abort(int) {
+  if (!is_memory_used_up && has_memory_left()) return;
+  constexpr char message[] = "saltus-worker: aborted for want of memory\n";
+  [[maybe_unused]] const ssize_t written = write(STDERR_FILENO, message, sizeof message - 1);
+  _exit(out_of_memory_code);
+}
 
 /// Lowers a limit; what is lower already stays.
 void lower(__rlimit_resource resource, const char* name, rlim_t soft, rlim_t hard) {
@@ -80,6 +102,20 @@ void release_reserve() {
   getrlimit(RLIMIT_DATA, &limit);
   limit.rlim_cur = limit.rlim_max;
   setrlimit(RLIMIT_DATA, &limit);
+}
+
+void note_memory_is_used_up() {
+  is_memory_used_up = true;
+  release_reserve();
+}
+
+bool memory_is_used_up() { return is_memory_used_up; }
+
+void exit_when_out_of_memory(int exit_code) {
+  out_of_memory_code = exit_code;
+  struct sigaction action {};
+  action.sa_handler = on_abort;
+  sigaction(SIGABRT, &action, nullptr);
 }
 
 bool cpu_time_is_used_up() { return is_cpu_time_used_up; }

@@ -28,6 +28,14 @@ void limit_process(std::int64_t memory_bytes, double cpu_seconds, int threads);
 /// Lets the process use the memory that was kept back for its last words. May be called from any thread.
 void release_reserve();
 
+/// What stands in the way of the work is a lack of memory: releases the reserve, and memory_is_used_up() is true.
+void note_memory_is_used_up();
+bool memory_is_used_up();
+
+/// From now on an abort() ends the process with `exit_code` when there is no memory left: C libraries, gRPC's among
+/// them, know no other way when malloc fails. Any other abort stays one.
+void exit_when_out_of_memory(int exit_code);
+
 bool cpu_time_is_used_up();
 
 }  // namespace saltus::worker

@@ -40,11 +40,12 @@ WorkerExit exit_for(StopReason reason) {
 WorkerExit exit_for(const client::ClientError& error) {
   std::cerr << "saltus-worker: " << error.what() << std::endl;
   if (error.code() == grpc::StatusCode::ABORTED) return LeaseLostExit;
+  if (memory_is_used_up()) return OutOfMemoryExit;
   return error.code() == grpc::StatusCode::UNAVAILABLE ? DaemonUnreachable : InternalError;
 }
 
 void report_memory_limit(Lease& lease) {
-  release_reserve();
+  note_memory_is_used_up();
   lease.complete_failure("MEMORY_LIMIT",
                          "the job needs more memory than it may use; crop the fixed image, set finest_level to 1, or "
                          "give the job more memory");
@@ -207,6 +208,7 @@ std::vector<std::string> register_with_checkpoints(const RegistrationTask& task,
     std::cerr << "saltus-worker: the checkpoint is dropped: " << why << std::endl;
   };
   const auto observe = [&](TaskStage stage, const Progress& progress) {
+    if (stage == TaskStage::Optimising) SALTUS_FAILPOINT("worker.iteration");
     v1::JobProgress message = progress_of(stage, progress);
     is_resumed = is_resumed || (!is_unfit && progress.levels > 0);
     message.set_checkpoints(keeper.kept());
@@ -244,7 +246,7 @@ WorkerExit work(Lease& lease, const AttemptIdentity& identity, const std::filesy
   } catch (const TaskStopped&) {
     return finish_stopped(lease);
   } catch (const TaskFailure& failure) {
-    release_reserve();
+    failure.reason() == "MEMORY_LIMIT" ? note_memory_is_used_up() : release_reserve();
     lease.complete_failure(failure.reason(), fit_for_transport(failure.what()));
     return OutcomeReported;
   } catch (const client::ClientError& error) {
@@ -268,7 +270,8 @@ Lease* lease_of_process = nullptr;
 WorkFolder* folder_of_process = nullptr;
 
 /// An exception that nothing catches ends the process; thrown in a loop of many threads none can be caught outside of
-/// it. When it is for want of memory, the daemon is told first: the same input would come to the same end again.
+/// it. When it is for want of memory, the daemon is told first: the same input would come to the same end again. A
+/// daemon that cannot be told sees it from the exit code.
 void report_and_end() {
   release_reserve();
   try {
@@ -278,8 +281,11 @@ void report_and_end() {
       report_memory_limit(*lease_of_process);
       folder_of_process->remove();
       _exit(OutcomeReported);
+    } catch (const client::ClientError& error) {
+      _exit(exit_for(error));
     } catch (const std::exception& error) {
       std::cerr << "saltus-worker: out of memory, which could not be reported: " << error.what() << std::endl;
+      _exit(OutOfMemoryExit);
     }
   } catch (const std::exception& error) {
     std::cerr << "saltus-worker: " << error.what() << std::endl;
@@ -307,6 +313,7 @@ WorkerExit run_attempt(const AttemptIdentity& identity) {
     lease_of_process = &lease;
     folder_of_process = &folder;
     std::set_terminate(report_and_end);
+    exit_when_out_of_memory(OutOfMemoryExit);
     limit_process(lease.terms().limits().memory_bytes(), lease.terms().limits().cpu_seconds(), lease.terms().threads());
     const WorkerExit exit = work(lease, identity, folder.path());
     std::set_terminate(std::abort);
@@ -315,7 +322,7 @@ WorkerExit run_attempt(const AttemptIdentity& identity) {
     return exit_for(error);
   } catch (const std::exception& error) {
     std::cerr << "saltus-worker: " << error.what() << std::endl;
-    return InternalError;
+    return memory_is_used_up() ? OutOfMemoryExit : InternalError;
   }
 }
 

@@ -4,14 +4,16 @@
 
 namespace saltus::worker {
 
-/// How saltus-worker ends; the daemon decides by the job's record, these are for people and launchers.
+/// How saltus-worker ends; the daemon decides by the job's record, these are for people and launchers, but for
+/// OutOfMemoryExit (kOutOfMemoryExit in server/jobs/launcher.h).
 enum WorkerExit {
   OutcomeReported = 0,    ///< success, failure or cancellation was accepted by the daemon
   InternalError = 1,      ///< nothing was reported; the reason is on standard error
   UsageError = 2,         ///< of the command line
   DaemonUnreachable = 3,  ///< for as long as the lease lasts
   LeaseLostExit = 4,      ///< the attempt is no longer wanted
-  TerminatedExit = 5      ///< by SIGTERM, before an outcome
+  TerminatedExit = 5,     ///< by SIGTERM, before an outcome
+  OutOfMemoryExit = 6     ///< and the daemon could not be told; it takes the code for MEMORY_LIMIT
 };
 
 /// Does one attempt from lease to outcome: fetches the inputs into a temporary folder, runs the registration, sends the

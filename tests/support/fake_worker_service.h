@@ -96,6 +96,7 @@ class FakeWorkerService : public v1::WorkerService::Service {
   std::vector<v1::Checkpoint> checkpoints;
   std::optional<v1::CompleteJobRequest> outcome;
   std::atomic<bool> is_lost = false;  ///< from now on the attempt is another's
+  grpc::Status completion;            ///< what CompleteJob answers; to be set before the worker starts
 
   grpc::Status AcquireLease(grpc::ServerContext*, const v1::AcquireLeaseRequest*,
                             v1::AcquireLeaseResponse* response) override {
@@ -117,7 +118,7 @@ class FakeWorkerService : public v1::WorkerService::Service {
   grpc::Status CompleteJob(grpc::ServerContext*, const v1::CompleteJobRequest* request,
                            v1::CompleteJobResponse*) override {
     hear([&] { outcome = *request; });
-    return grpc::Status::OK;
+    return completion;
   }
 
  private:

@@ -29,6 +29,7 @@ class WorkerProcess : public testing::Test {
     use_images(48);
     auto& settings = *service.terms.mutable_spec()->mutable_settings();
     settings["tolerance"] = "0";
+    settings["optimality_tolerance"] = "0";
     settings["max_iterations"] = "60";
     service.terms.mutable_spec()->set_preset("fast");
     service.terms.mutable_spec()->set_output_format("mha");
@@ -149,6 +150,19 @@ TEST_F(WorkerProcess, FailsWithMemoryLimitWhenItNeedsMoreThanItMay) {
   ASSERT_TRUE(service.outcome && service.outcome->has_failure());
   EXPECT_EQ(service.outcome->failure().reason(), "MEMORY_LIMIT") << service.outcome->failure().message();
   EXPECT_TRUE(std::filesystem::is_empty(folder / "tmp"));
+}
+
+// What the daemon sees when nobody can tell it.
+TEST_F(WorkerProcess, EndsWithACodeOfItsOwnWhenWantOfMemoryCannotBeReported) {
+  use_images(1000);
+  service.terms.mutable_limits()->set_memory_bytes(8 << 20);
+  service.completion = {grpc::StatusCode::INTERNAL, "a fault of the daemon"};
+  ChildProcess worker = start();
+  EXPECT_EQ(worker.wait(), 6) << worker.err();
+  service.is_lost = true;
+  service.completion = {grpc::StatusCode::ABORTED, "the attempt is no longer wanted"};
+  ChildProcess lost = start();
+  EXPECT_EQ(lost.wait(), 4) << lost.err();
 }
 
 TEST_F(WorkerProcess, FailsWithCpuTimeWhenItUsesMoreThanItMay) {

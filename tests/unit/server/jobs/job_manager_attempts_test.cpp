@@ -273,6 +273,21 @@ TEST_F(JobManagerTest, AWorkerThatTheKernelEndedForItsProcessorTimeIsNoCrash) {
   }
 }
 
+TEST_F(JobManagerTest, AWorkerWithoutMemoryFailsTheJobForGood) {
+  for (const std::int64_t limit : {0ll, 1ll << 30}) {
+    NewJob job;
+    job.limits.memory_bytes = limit;
+    const auto id = submit(job);
+    settle();
+    launcher->end(launcher->started().back().key, {WorkerExit::Kind::Exited, 6});
+    const auto found = *store.table.find(id);
+    EXPECT_EQ(found.state, JobState::Failed);
+    EXPECT_EQ(found.failure->reason, "MEMORY_LIMIT");
+    EXPECT_THAT(found.failure->message, ::testing::HasSubstr(limit > 0 ? "1.0 GiB" : "no memory left on its machine"));
+    settle();
+  }
+}
+
 TEST_F(JobManagerTest, WhatCannotBeRecordedIsNotKilled) {
   const auto worker = submit_and_launch();
   store.refuse_writes = true;
