@@ -48,8 +48,10 @@ std::string reason(const itk::ExceptionObject& error, const std::filesystem::pat
   if (const auto prefix = text.find("): "); text.starts_with("itk::ERROR") && prefix != std::string::npos)
     text.erase(0, prefix + 3);
   const std::string full = path.string();
-  for (auto at = text.find(full); at != std::string::npos; at = text.find(full, at))
-    text.replace(at, full.size(), path.filename().string());
+  const std::string name = path.filename().string();
+  // Not from where it was found: the name of a file in the current folder is its whole path.
+  for (auto at = text.find(full); at != std::string::npos; at = text.find(full, at + name.size()))
+    text.replace(at, full.size(), name);
   std::string line;
   std::istringstream words(text);
   for (std::string word; words >> word;) {
@@ -63,18 +65,10 @@ struct OpenedImage {
   itk::ImageIOBase::Pointer io;
   ImageFileHeader header;
   std::size_t voxels = 0;
-  std::uintmax_t data_offset = 0;  ///< where the voxels begin, in the decompressed .nii.gz; 0: ITK looks after itself
-  bool is_compressed_meta = false;
+  std::uintmax_t data_offset = 0;  ///< where the voxels begin, in the decompressed .nii.gz; 0 in a PNG
+  bool is_gzip_nrrd = false;
+  MetaHeader meta;  ///< of a MetaImage
 };
-
-/// The byte after the header of a MetaImage.
-std::uintmax_t end_of_meta_header(const std::filesystem::path& path) {
-  std::ifstream file(path, std::ios::binary);
-  for (std::string line; std::getline(file, line);) {
-    if (line.starts_with("ElementDataFile")) return file.tellg();
-  }
-  refuse(path, "its header has no line ElementDataFile");
-}
 
 std::string dimension_text(const itk::ImageIOBase& io) {
   std::string text;
@@ -96,8 +90,17 @@ OpenedImage open_image(const std::filesystem::path& path) {
 
   OpenedImage image;
   bool is_raw = format == ImageFormat::Nifti;
-  if (format == ImageFormat::Nrrd) is_raw = read_nrrd_header(path).is_raw;
-  if (format == ImageFormat::MetaImage) check_meta_header(path);
+  if (format == ImageFormat::Nrrd) {
+    const NrrdHeader nrrd = read_nrrd_header(path);
+    is_raw = nrrd.is_raw;
+    image.is_gzip_nrrd = nrrd.is_gzip;
+    image.data_offset = nrrd.data_offset;
+  }
+  if (format == ImageFormat::MetaImage) {
+    image.meta = read_meta_header(path);
+    image.data_offset = image.meta.data_offset;
+    is_raw = !image.meta.is_compressed && !image.meta.is_text;
+  }
   if (format == ImageFormat::Png) check_png_chunks(path);
   int nifti_dimension = 0;
   if (format == ImageFormat::Nifti || format == ImageFormat::CompressedNifti) {
@@ -110,16 +113,6 @@ OpenedImage open_image(const std::filesystem::path& path) {
   if (!image.io->CanReadFile(path.c_str())) refuse(path, "its content is not what its name promises");
   image.io->SetFileName(path.string());
   image.io->ReadImageInformation();
-  if (format == ImageFormat::MetaImage) {
-    const MetaImage* meta = static_cast<itk::MetaImageIO&>(*image.io).GetMetaImagePointer();
-    const std::string data_file = meta->ElementDataFileName();
-    if (data_file != "LOCAL" && data_file != "Local" && data_file != "local")
-      refuse(path, "its voxels are in another file; save header and voxels in one .mha file");
-    is_raw = meta->BinaryData() && !meta->CompressedData();
-    image.is_compressed_meta = meta->CompressedData();
-    image.data_offset = end_of_meta_header(path);
-  }
-
   const int io_dimension = image.io->GetNumberOfDimensions();
   ImageFileHeader& header = image.header;
   header.dimension = nifti_dimension > 0 ? nifti_dimension : io_dimension;
@@ -154,6 +147,11 @@ OpenedImage open_image(const std::filesystem::path& path) {
   if (image.io->GetPixelType() == itk::IOPixelEnum::COMPLEX) refuse(path, "its voxels are complex numbers");
   if (header.components < 1 || header.components > 16)
     refuse(path, "it has " + std::to_string(header.components) + " components a voxel");
+
+  // What was allowed by our reading of the header must be what ITK has found in it.
+  if (format == ImageFormat::MetaImage &&
+      image.voxels * header.components * image.io->GetComponentSize() != image.meta.voxel_bytes)
+    refuse(path, "its header can be read in two ways");
 
   // Deflate cannot make anything smaller than by a factor of 1032.
   const std::uintmax_t stored = file_size - (is_raw ? std::min(image.data_offset, file_size) : 0);
@@ -299,7 +297,11 @@ ImageFile read_image_file(const std::filesystem::path& path) {
   try {
     const OpenedImage opened = open_image(path);
     const std::uintmax_t bytes = opened.voxels * opened.header.components * opened.io->GetComponentSize();
-    if (opened.is_compressed_meta) check_compressed_payload(path, opened.data_offset, bytes);
+    if (opened.meta.is_compressed)
+      check_compressed_payload(path, opened.data_offset, bytes, opened.meta.compressed_bytes);
+    if (opened.is_gzip_nrrd) check_compressed_payload(path, opened.data_offset, bytes);
+    if (opened.meta.is_text)
+      check_text_payload(path, opened.data_offset, opened.voxels * static_cast<std::size_t>(opened.header.components));
     if (format_from_suffix(path) == ImageFormat::CompressedNifti)
       check_compressed_payload(path, 0, opened.data_offset + bytes);
     ImageFile image{opened.header, std::vector<float>(opened.voxels * opened.header.components)};

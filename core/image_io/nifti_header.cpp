@@ -3,6 +3,7 @@
 #include <nifti1_io.h>
 #include <zlib.h>
 
+#include <algorithm>
 #include <array>
 #include <bit>
 #include <cmath>
@@ -10,6 +11,7 @@
 #include <cstring>
 #include <memory>
 #include <string>
+#include <string_view>
 
 #include "core/support/errors.h"
 
@@ -21,43 +23,102 @@ bool use_nifti_sform(const nifti_image& image) {
          (image.sform_code == NIFTI_XFORM_SCANNER_ANAT || image.qform_code == NIFTI_XFORM_UNKNOWN);
 }
 
+/// The first bytes of a header, in the byte order of this machine when they are taken out.
+class HeaderBytes {
+ public:
+  static constexpr std::size_t size = 348;
+
+  char* data() { return bytes_.data(); }
+  void swap_from_now_on() { is_swapped_ = true; }
+
+  std::uint16_t short_at(std::size_t offset) const {
+    std::uint16_t bits = 0;
+    std::memcpy(&bits, bytes_.data() + offset, sizeof bits);
+    return is_swapped_ ? __builtin_bswap16(bits) : bits;
+  }
+  std::uint32_t word_at(std::size_t offset) const { return swapped(offset); }
+  float number_at(std::size_t offset) const { return std::bit_cast<float>(swapped(offset)); }
+  bool has_at(std::size_t offset, std::string_view text) const {
+    return std::string_view(bytes_.data() + offset, text.size()) == text;
+  }
+
+ private:
+  std::uint32_t swapped(std::size_t offset) const {
+    std::uint32_t bits = 0;
+    std::memcpy(&bits, bytes_.data() + offset, sizeof bits);
+    return is_swapped_ ? __builtin_bswap32(bits) : bits;
+  }
+
+  std::array<char, size> bytes_{};
+  bool is_swapped_ = false;
+};
+
+// Where the fields are.
+constexpr std::size_t kDimensions = 40, kSpacing = 76, kDataOffset = 108, kQformCode = 252, kSformCode = 254,
+                      kQuaternion = 256, kSform = 280, kMagic = 344;
+constexpr std::size_t kQuaternionNumbers = 6, kSformNumbers = 12;
+/// No place in millimetres is further away; ITK's matrices overflow at values that are.
+constexpr float kFarthest = 1e9F;
+/// Header and extensions; the library takes memory for these before it looks whether they are there.
+constexpr std::size_t kLongestHeader = std::size_t{64} << 20, kExtender = 348, kFirstExtension = 352;
+
 }  // namespace
 
 NiftiHeader read_nifti_header(const std::filesystem::path& path) {
   auto refuse = [&path](const std::string& reason) -> void {
     throw FileError("cannot read " + path.filename().string() + ": " + reason);
   };
-  std::array<char, 348> header{};
+  HeaderBytes header;
   const std::unique_ptr<gzFile_s, decltype(&gzclose)> file(gzopen(path.c_str(), "rb"), &gzclose);
   if (!file) refuse("it cannot be opened");
-  if (gzread(file.get(), header.data(), header.size()) != static_cast<int>(header.size()))
-    refuse("the NIfTI header is not complete");
+  const auto is_read = [&file](void* to, std::size_t size) {
+    return gzread(file.get(), to, static_cast<unsigned>(size)) == static_cast<int>(size);
+  };
+  if (!is_read(header.data(), HeaderBytes::size)) refuse("the NIfTI header is not complete");
 
-  std::int32_t header_size = 0;
-  std::memcpy(&header_size, header.data(), sizeof header_size);
+  const std::uint32_t header_size = header.word_at(0);
   const bool is_swapped = header_size == 0x5c010000;
   if (header_size == 540 || header_size == 0x1c020000) refuse("it is a NIfTI-2 file; save it as NIfTI-1");
-  if ((header_size != 348 && !is_swapped) || std::memcmp(header.data() + 344, "n+1", 4) != 0) {
-    if (std::memcmp(header.data() + 344, "ni1", 4) == 0)
+  if ((header_size != 348 && !is_swapped) || !header.has_at(kMagic, std::string_view("n+1\0", 4))) {
+    if (header.has_at(kMagic, std::string_view("ni1\0", 4)))
       refuse("its voxels are in another file; save header and voxels in one .nii file");
     refuse("it is not a NIfTI-1 file");
   }
+  if (is_swapped) header.swap_from_now_on();
 
   std::array<std::uint16_t, 8> dim{};
-  std::memcpy(dim.data(), header.data() + 40, sizeof dim);
-  if (is_swapped) {
-    for (std::uint16_t& d : dim) d = static_cast<std::uint16_t>(d << 8 | d >> 8);
-  }
+  for (std::size_t i = 0; i < dim.size(); ++i) dim[i] = header.short_at(kDimensions + 2 * i);
   if (dim[0] < 1 || dim[0] > 7) refuse("the header has " + std::to_string(dim[0]) + " dimensions");
 
-  std::uint32_t offset_bits = 0;
-  std::memcpy(&offset_bits, header.data() + 108, sizeof offset_bits);
-  if (is_swapped) offset_bits = __builtin_bswap32(offset_bits);
-  const float data_offset = std::bit_cast<float>(offset_bits);
+  const auto check_places = [&](const char* what, std::size_t offset, std::size_t count) {
+    for (std::size_t i = 0; i < count; ++i)
+      if (!(std::abs(header.number_at(offset + 4 * i)) <= kFarthest))
+        refuse(std::string("its ") + what + " has a number that is no place in mm");
+  };
+  if (header.short_at(kQformCode) != 0) check_places("qform", kQuaternion, kQuaternionNumbers);
+  if (header.short_at(kSformCode) != 0) check_places("sform", kSform, kSformNumbers);
+
+  const float data_offset = header.number_at(kDataOffset);
+  if (!(data_offset >= 0 && data_offset <= static_cast<float>(kLongestHeader)))
+    refuse("its voxels begin at byte " + std::to_string(data_offset) + "; that must be in the first 64 MiB");
 
   NiftiHeader result;
   // The library reads from byte 348 when a header gives less.
-  result.data_offset = data_offset > 348 && data_offset < 1e9 ? static_cast<std::size_t>(data_offset) : 348;
+  result.data_offset = std::max(static_cast<std::size_t>(data_offset), kExtender);
+  std::array<unsigned char, 4> extender{};
+  if (result.data_offset > kFirstExtension && is_read(extender.data(), extender.size()) && extender[0] != 0) {
+    for (std::size_t left = result.data_offset - kFirstExtension; left > 0;) {
+      constexpr std::size_t head = 8, padding = 16;
+      std::uint32_t size = 0, kind = 0;
+      // What is smaller than an extension is padding.
+      if (left < padding) break;
+      if (!is_read(&size, sizeof size) || !is_read(&kind, sizeof kind)) refuse("its extensions are cut off");
+      if (is_swapped) size = __builtin_bswap32(size);
+      if (size < head || size > left) refuse("its extensions are damaged");
+      if (gzseek(file.get(), static_cast<z_off_t>(size - head), SEEK_CUR) < 0) refuse("its extensions are cut off");
+      left -= size;
+    }
+  }
   // dim[5] is the number of components; dim[3] is 1 in a 2-D field, where its two components tell it from a slice.
   if (dim[0] >= 5) result.components = dim[5];
   for (int axis = 6; axis <= dim[0]; ++axis) {
@@ -68,12 +129,9 @@ NiftiHeader read_nifti_header(const std::filesystem::path& path) {
   if (spatial == 4 && dim[4] <= 1) result.dimension = dim[0] >= 5 && dim[3] == 1 && result.components == 2 ? 2 : 3;
 
   // The library takes 1 mm for what is no number, without a word.
-  for (int axis = 1; axis <= result.dimension; ++axis) {
-    std::uint32_t spacing_bits = 0;
-    std::memcpy(&spacing_bits, header.data() + 76 + 4 * axis, sizeof spacing_bits);
-    if (is_swapped) spacing_bits = __builtin_bswap32(spacing_bits);
-    const float spacing = std::bit_cast<float>(spacing_bits);
-    if (!std::isfinite(spacing))
+  for (std::size_t axis = 1; axis <= static_cast<std::size_t>(result.dimension); ++axis) {
+    const float spacing = header.number_at(kSpacing + 4 * axis);
+    if (!(std::abs(spacing) <= kFarthest))
       refuse("its spacing on axis " + std::to_string(axis) + " is " + std::to_string(spacing) +
              "; it must be a length in mm");
   }

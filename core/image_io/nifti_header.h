@@ -19,7 +19,9 @@ struct NiftiPlacement {
   std::array<std::array<double, 3>, 3> direction{};  ///< [j] is the world direction of grid axis j
 };
 
-/// Reads the first 348 bytes of a .nii or .nii.gz. Throws FileError unless it is a NIfTI-1 header of a single file.
+/// Reads the header of a .nii or .nii.gz, with the sizes of its extensions. Throws FileError unless it is a NIfTI-1
+/// header of a single file, its voxels begin within 64 MiB, its extensions end before them, and the numbers that place
+/// it are within 1e9 mm: ITK ends the process over a place that is not finite.
 NiftiHeader read_nifti_header(const std::filesystem::path& path);
 
 /// All three axes of a file that has one slice, where ITK's reader gives two only. Chooses between sform and qform as

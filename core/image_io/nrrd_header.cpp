@@ -45,9 +45,17 @@ NrrdHeader read_nrrd_header(const std::filesystem::path& path) {
     if (key == "datafile")
       throw FileError("cannot read " + name +
                       ": its voxels are in another file; save header and voxels in one .nrrd file");
-    if (key == "encoding") header.is_raw = normalised(line.substr(colon + 1)) == "raw";
+    if ((key == "byteskip" || key == "lineskip") && normalised(line.substr(colon + 1)) != "0")
+      throw FileError("cannot read " + name + ": its voxels do not follow its header; save it without '" +
+                      (key == "byteskip" ? "byte skip'" : "line skip'"));
+    if (key == "encoding") {
+      const std::string encoding = normalised(line.substr(colon + 1));
+      header.is_raw = encoding == "raw";
+      header.is_gzip = encoding == "gzip" || encoding == "gz";
+    }
   }
   if (end == std::string::npos) throw FileError("cannot read " + name + ": its header has no end");
+  header.data_offset = text.find('\n', end + 1) + 1;
   return header;
 }
 

@@ -12,6 +12,7 @@
 #include "core/image_io/write_image.h"
 #include "core/support/errors.h"
 #include "tests/integration/image_io/sample_images.h"
+#include "tests/support/guarded_child.h"
 
 namespace saltus {
 namespace {
@@ -240,6 +241,182 @@ TEST(RefusedImages, CompressedVoxelsThatAreCutOffOrDamaged) {
     write_bytes(folder / name, broken);
     EXPECT_THAT(error_for(folder / name), ::testing::HasSubstr("cannot read")) << name;
   }
+}
+
+/// A .mha of 2x2x2 bytes with one line replaced, or left out when `line` is "".
+std::string meta_with(const std::string& key, const std::string& line) {
+  std::istringstream lines(meta_header("2 2 2", "LOCAL"));
+  std::string bytes;
+  for (std::string old; std::getline(lines, old);) {
+    const bool is_it = old.starts_with(key + " =");
+    if (!is_it || !line.empty()) bytes += (is_it ? line : old) + '\n';
+  }
+  return bytes + "vvvvvvvv";
+}
+
+// ITK's reader does not come back from some of these, so it must never see them.
+TEST(RefusedImages, MetaImageHeadersThatItkDoesNotUnderstand) {
+  const TemporaryFolder folder;
+  const std::pair<const char*, const char*> lines[] = {
+      {"NDims", "NDims = -1"},
+      {"NDims", "NDims = 99999999999999999999"},
+      {"NDims", "NDims = 11"},
+      {"NDims", "NDims = 3\nNDims = 2"},
+      {"NDims", ""},
+      {"NDims", "NDims = three"},
+      {"DimSize", ""},
+      {"DimSize", "DimSize = 2 2"},
+      {"DimSize", "DimSize = 2 2 2 2"},
+      {"DimSize", "DimSize = 2 2 2.5"},
+      {"DimSize", "DimSize = 2 -2 -2"},
+      {"ElementType", ""},
+      {"ElementType", "ElementType = MET_STRING"},
+      {"ElementType", "ElementType = UCHAR"},
+      {"BinaryData", "BinaryData = maybe"},
+      {"CompressedData", "CompressedData = True"},
+      {"CompressedData", "CompressedData = True\nCompressedDataSize = 0"},
+      {"CompressedData", "CompressedData = True\nCompressedDataSize = 9"},
+      {"CompressedData", "CompressedData = True\nCompressedDataSize = -1"},
+      {"Offset", "Offset = nan 0 0"},
+      {"Offset", "Offset = 0 0 1e999"},
+      {"Offset", "Offset 0 0 0"},
+      {"Offset", "HeaderSize = -1"},
+      {"Offset", "HeaderSize = 5"},
+      {"Offset", "ElementNumberOfChannels = 0"},
+      {"Offset", "ElementNumberOfChannels = 4294967297"},
+      {"Offset", "Comment = a\001b"},
+      {"Offset", "Color = 1 1 1"},
+      {"ObjectType", "Offset = 0 0 0"},  // before NDims
+  };
+  write_bytes(folder / "a.mha", meta_with("Offset", "Offset = 1 2 3"));
+  EXPECT_EQ(read_grid<3>(folder / "a.mha").origin, Vector<3>(1, 2, 3));
+  for (const auto& [key, line] : lines) {
+    write_bytes(folder / "a.mha", meta_with(key, line));
+    EXPECT_THAT(error_for(folder / "a.mha"), ::testing::HasSubstr("cannot read")) << line << " for " << key;
+  }
+}
+
+TEST(RefusedImages, WhatOtherProgramsPutIntoMetaImageHeadersIsAllowed) {
+  const TemporaryFolder folder;
+  for (const char* line :
+       {"Offset = +1 2.0 3e0", "Offset=1 2 3", "  Offset  =  1\t2  3 \nComment =", "Origin = 1 2 3\nName = \nID = -1",
+        "Offset = 1 2 3\r", "Offset = 1 2 3\n0008|0005 = ISO_IR 100", "Offset = 1 2 3\nComment = a = b: \xc3\xb6",
+        "Position = 1 2 3\nAnatomicalOrientation = RAI\nModality = MET_MOD_MR\nElementMin = -.5\nColor = 1 1 0 1"}) {
+    write_bytes(folder / "a.mha", meta_with("Offset", line));
+    EXPECT_EQ(error_for(folder / "a.mha"), "no error") << line;
+    EXPECT_EQ(read_grid<3>(folder / "a.mha").origin, Vector<3>(1, 2, 3)) << line;
+    EXPECT_EQ(read_volume<3>(folder / "a.mha").samples, std::vector<float>(8, 'v')) << line;
+  }
+  std::string lines_of_windows = meta_header("2 2 2", "LOCAL");
+  for (std::size_t at = 0; (at = lines_of_windows.find('\n', at)) != std::string::npos; at += 2)
+    lines_of_windows.insert(at, 1, '\r');
+  write_bytes(folder / "a.mha", lines_of_windows + "vvvvvvvv");
+  EXPECT_EQ(read_volume<3>(folder / "a.mha").samples, std::vector<float>(8, 'v'));
+}
+
+TEST(RefusedImages, EveryTypeOfMetaImageVoxelsHasTheSizeThatItkTakes) {
+  const TemporaryFolder folder;
+  const std::pair<const char*, std::size_t> types[] = {
+      {"CHAR", 1}, {"UCHAR", 1}, {"SHORT", 2},     {"USHORT", 2},     {"INT", 4},   {"UINT", 4},
+      {"LONG", 4}, {"ULONG", 4}, {"LONG_LONG", 8}, {"ULONG_LONG", 8}, {"FLOAT", 4}, {"DOUBLE", 8}};
+  for (const auto& [type, size] : types) {
+    const std::string bytes = meta_with("ElementType", std::string("ElementType = MET_") + type);
+    const std::string header = bytes.substr(0, bytes.size() - 8);
+    write_bytes(folder / "a.mha", header + std::string(8 * size, '\0'));
+    EXPECT_EQ(error_for(folder / "a.mha"), "no error") << type;
+    write_bytes(folder / "a.mha", header + std::string(8 * size - 1, '\0'));
+    EXPECT_THAT(error_for(folder / "a.mha"), ::testing::HasSubstr("its header promises")) << type;
+  }
+}
+
+TEST(RefusedImages, VoxelsWrittenAsText) {
+  const TemporaryFolder folder;
+  const std::string bytes = meta_with("BinaryData", "BinaryData = False");
+  const std::string header = bytes.substr(0, bytes.size() - 8);
+  write_bytes(folder / "a.mha", header + "0 1 2\n3 4.0 +5 6e0\r\n7");
+  EXPECT_EQ(read_volume<3>(folder / "a.mha").samples, (std::vector<float>{0, 1, 2, 3, 4, 5, 6, 7}));
+  for (const char* voxels :
+       {"0 1 2 3 4 5 6", "0 1 2 3 4 5 6.000", "0 1 2 3 x 5 6 7", "0 1 2 3 nan 5 6 7", "0 1 2 3 4"}) {
+    write_bytes(folder / "a.mha", header + voxels);
+    EXPECT_THAT(error_for(folder / "a.mha"), ::testing::HasSubstr("cannot read")) << voxels;
+  }
+}
+
+TEST(RefusedImages, CompressedVoxelsBeyondThoseThatWerePromised) {
+  const TemporaryFolder folder;
+  constexpr std::size_t much = std::size_t{3} << 20;
+  write_bytes(folder / "a.nii.gz", gzipped(NiftiBytes({2, 2, 2}).bytes + std::string(1000, 'v')));
+  EXPECT_EQ(error_for(folder / "a.nii.gz"), "no error");
+  write_bytes(folder / "a.nii.gz", gzipped(NiftiBytes({2, 2, 2}).bytes + std::string(much, 'v')));
+  EXPECT_THAT(error_for(folder / "a.nii.gz"), ::testing::HasSubstr("holds more voxels than its header promises"));
+  write_bytes(folder / "a.nrrd", nrrd_header("2 2 2", "", "gzip") + gzipped(std::string(much, 'v')));
+  EXPECT_THAT(error_for(folder / "a.nrrd"), ::testing::HasSubstr("holds more voxels than its header promises"));
+}
+
+TEST(RefusedImages, VoxelsThatDoNotFollowTheHeader) {
+  const TemporaryFolder folder;
+  for (const char* field : {"byte skip: 8\n", "byteskip: -1\n", "line skip: 1\n"}) {
+    write_bytes(folder / "a.nrrd", nrrd_header("2 2 2", field) + "vvvvvvvv");
+    EXPECT_THAT(error_for(folder / "a.nrrd"), ::testing::HasSubstr("do not follow its header")) << field;
+  }
+  write_bytes(folder / "a.nrrd", nrrd_header("2 2 2", "byte skip: 0\n") + "vvvvvvvv");
+  EXPECT_EQ(error_for(folder / "a.nrrd"), "no error");
+  const float infinity = std::numeric_limits<float>::infinity(), nothing = std::numeric_limits<float>::quiet_NaN();
+  for (const float offset : {-352.0F, 1e30F, infinity, nothing}) {
+    NiftiBytes nifti({2, 2, 2});
+    nifti.set<float>(108, offset);
+    write_bytes(folder / "a.nii", nifti.bytes + "vvvvvvvv");
+    EXPECT_THAT(error_for(folder / "a.nii"), ::testing::HasSubstr("its voxels begin at byte")) << offset;
+  }
+}
+
+TEST(RefusedImages, NiftiExtensionsThatEndBehindTheVoxels) {
+  const TemporaryFolder folder;
+  const auto with_extension = [](std::int32_t size) {
+    NiftiBytes nifti({2, 2, 2});
+    nifti.set<float>(108, 384).set<std::int32_t>(348, 1);
+    nifti.bytes.resize(384, 'x');
+    nifti.set<std::int32_t>(352, size).set<std::int32_t>(356, 6);
+    return nifti.bytes + "vvvvvvvv";
+  };
+  write_bytes(folder / "a.nii", with_extension(32));
+  EXPECT_EQ(read_volume<3>(folder / "a.nii").samples, std::vector<float>(8, 'v'));
+  for (const std::int32_t size : {0, 7, 48, -16, 2147483647}) {
+    write_bytes(folder / "a.nii", with_extension(size));
+    EXPECT_THAT(error_for(folder / "a.nii"), ::testing::HasSubstr("its extensions are damaged")) << size;
+  }
+}
+
+TEST(RefusedImages, PlacesThatAreNotFinite) {
+  const TemporaryFolder folder;
+  const float infinity = std::numeric_limits<float>::infinity(), nothing = std::numeric_limits<float>::quiet_NaN();
+  for (const float place : {infinity, -infinity, nothing, 1e38F}) {
+    write_bytes(folder / "a.nii",
+                NiftiBytes({2, 2, 2}).sform(1, {1, 0, 0, 0, 0, place, 0, 0, 0, 0, 1, 0}).bytes + "vvvvvvvv");
+    EXPECT_THAT(error_for(folder / "a.nii"), ::testing::HasSubstr("no place in mm")) << place;
+    write_bytes(folder / "a.nii", NiftiBytes({2, 2, 2}).half_turn_qform(1, place).bytes + "vvvvvvvv");
+    EXPECT_THAT(error_for(folder / "a.nii"), ::testing::HasSubstr("no place in mm")) << place;
+    // Nobody reads a form whose code is 0.
+    write_bytes(folder / "a.nii", NiftiBytes({2, 2, 2}).half_turn_qform(0, place).bytes + "vvvvvvvv");
+    EXPECT_EQ(error_for(folder / "a.nii"), "no error") << place;
+  }
+}
+
+// What ITK says has the path in it, which is the name alone here.
+TEST(RefusedImages, AFileOfTheCurrentFolder) {
+  const TemporaryFolder folder;
+  write_bytes(folder / "a.nrrd", nrrd_header("2 2 2", "space: nowhere\n") + "vvvvvvvv");
+  const auto result = testing_support::run_guarded(1, [&](std::size_t) {
+    std::filesystem::current_path(folder / ".");
+    try {
+      image_dimension("a.nrrd");
+      return true;
+    } catch (const FileError&) {
+      return false;
+    }
+  });
+  EXPECT_EQ(result.problem, "");
+  EXPECT_EQ(result.counts[false], 1u);
 }
 
 TEST(RefusedImages, GridsThatCannotBeUsed) {
