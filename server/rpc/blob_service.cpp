@@ -8,9 +8,10 @@
 
 namespace saltus::server {
 
-BlobServiceImpl::BlobServiceImpl(BlobCatalog& blobs, TaskPool& pool, StallWatch& stalls)
+BlobServiceImpl::BlobServiceImpl(BlobCatalog& blobs, TaskPool& pool, TaskPool& transfers, StallWatch& stalls)
     : blobs_(blobs),
       pool_(pool),
+      transfers_(transfers),
       stalls_(stalls),
       uploads_("upload", limits::kUploadStreams),
       downloads_("download", limits::kDownloadStreams) {}
@@ -27,12 +28,12 @@ grpc::ServerUnaryReactor* BlobServiceImpl::FindMissingBlobs(grpc::CallbackServer
 
 grpc::ServerReadReactor<v1::WriteBlobRequest>* BlobServiceImpl::WriteBlob(grpc::CallbackServerContext* context,
                                                                           v1::WriteBlobResponse* response) {
-  return receive_blob(blobs_, pool_, uploads_, stalls_, *context, *response);
+  return receive_blob(blobs_, transfers_, uploads_, stalls_, *context, *response);
 }
 
 grpc::ServerWriteReactor<v1::ReadBlobResponse>* BlobServiceImpl::ReadBlob(grpc::CallbackServerContext* context,
                                                                           const v1::ReadBlobRequest* request) {
-  return send_blob(blobs_, pool_, downloads_, stalls_, *context, *request);
+  return send_blob(blobs_, transfers_, downloads_, stalls_, *context, *request);
 }
 
 grpc::ServerUnaryReactor* BlobServiceImpl::QueryWriteStatus(grpc::CallbackServerContext* context,

@@ -12,7 +12,8 @@ namespace saltus::server {
 /// Uploads and downloads. Never blocks a callback thread; each stream has one message in memory.
 class BlobServiceImpl final : public v1::BlobService::CallbackService {
  public:
-  BlobServiceImpl(BlobCatalog& blobs, TaskPool& pool, StallWatch& stalls);
+  /// `transfers` does what takes long, `pool` the rest.
+  BlobServiceImpl(BlobCatalog& blobs, TaskPool& pool, TaskPool& transfers, StallWatch& stalls);
 
   grpc::ServerUnaryReactor* FindMissingBlobs(grpc::CallbackServerContext*, const v1::FindMissingBlobsRequest*,
                                              v1::FindMissingBlobsResponse*) override;
@@ -26,6 +27,7 @@ class BlobServiceImpl final : public v1::BlobService::CallbackService {
  private:
   BlobCatalog& blobs_;
   TaskPool& pool_;
+  TaskPool& transfers_;
   StallWatch& stalls_;
   StreamGate uploads_;
   StreamGate downloads_;

@@ -14,7 +14,8 @@ namespace saltus::server {
 namespace {
 
 // Enough that a few slow disk operations do not hold up the rest; each costs one stack.
-constexpr int kPoolThreads = 8;
+constexpr int kPoolThreads = 4;
+constexpr int kTransferThreads = 8;
 
 // Above what the gates of the streams let in: HTTP/2 does not refuse, it lets the client wait.
 constexpr int kStreamsOfConnection = 512;
@@ -37,11 +38,12 @@ RpcServer::RpcServer(const RpcSettings& settings, JobManager& jobs, BlobCatalog&
                      StallWatch& stalls, const IdSource& ids)
     : authorisation_(settings.roles, settings.observer),
       pool_(kPoolThreads),
+      transfers_(kTransferThreads),
       registration_(jobs, ids, authorisation_, pool_),
-      blobs_(blobs, pool_, stalls),
+      blobs_(blobs, pool_, transfers_, stalls),
       info_(jobs, settings.version),
       worker_(jobs, pool_),
-      admin_(jobs, maintenance, pool_, stalls, [this](bool is_draining) {
+      admin_(jobs, maintenance, transfers_, stalls, [this](bool is_draining) {
         server_->GetHealthCheckService()->SetServingStatus(v1::RegistrationService::service_full_name(),
                                                            !is_draining && !is_read_only_);
       }) {

@@ -62,6 +62,7 @@ class RpcServer {
  private:
   const Authorisation authorisation_;
   TaskPool pool_;
+  TaskPool transfers_;  // of whole images and checks of the store: no short call waits behind them
   RegistrationServiceImpl registration_;
   BlobServiceImpl blobs_;
   ServerInfoServiceImpl info_;

@@ -2,6 +2,9 @@
 #include "tests/support/certificates.h"
 
 #include <csignal>
+#include <fstream>
+#include <limits>
+#include <sstream>
 
 namespace saltus {
 namespace {
@@ -299,6 +302,101 @@ TEST_F(ProtectedServerTest, RefusesWhoHasNoRole) {
   const Outcome outcome = run(as("mallory", {"list"}));
   EXPECT_EQ(outcome.exit_code, 1);
   EXPECT_THAT(outcome.err, HasSubstr("mallory@hospital.example"));
+}
+
+/// Writes into the header of a NIfTI-1 file where scanners leave names: descrip (80 bytes from byte 148) and aux_file
+/// (24 from byte 228).
+void write_names(const std::filesystem::path& file, const std::string& descrip, const std::string& aux_file) {
+  std::fstream header(file, std::ios::binary | std::ios::in | std::ios::out);
+  header.seekp(148);
+  header << descrip;
+  header.seekp(228);
+  header << aux_file;
+  ASSERT_TRUE(header.good());
+}
+
+// What a hospital would find in a log file: names in paths, in labels, in the headers of images; and what would open
+// the door to a job's data.
+TEST_F(EndToEnd, NoLogSaysWhoseImagesTheseAre) {
+  const std::filesystem::path images = folder / "Doe^John";
+  std::filesystem::create_directory(images);
+  write_volume(images / "fixed_Doe.nii", blob_scene(48, 0));
+  write_volume(images / "moving_Doe.nii", blob_scene(48, testing_support::shift_mm));
+  // Fails in the worker, which then has something to say about it. (Readers of NIfTI make a zero of it.)
+  auto broken_scene = blob_scene(48, 0);
+  broken_scene.samples[17] = std::numeric_limits<float>::quiet_NaN();
+  write_volume(images / "broken_Doe.mha", broken_scene);
+  for (const char* name : {"fixed_Doe.nii", "moving_Doe.nii"})
+    write_names(images / name, "DOE^JOHN 1970-01-01 PAT4711", "Doe_John.par");
+
+  // A worker that leaves its token where the test finds it.
+  folder.write("worker", "#!/bin/sh\nfor word in \"$@\"; do\n  [ \"$before\" = --token-file ] && cat \"$word\" >> '" +
+                             (folder / "tokens").string() + "'\n  before=$word\ndone\nexec '" + programs +
+                             "/saltus-worker' \"$@\"\n");
+  std::filesystem::permissions(folder / "worker", std::filesystem::perms::owner_all);
+  const std::filesystem::path data = folder / "data";
+  ChildProcess daemon({programs + "/saltusd", "--data", data, "--worker", folder / "worker", "--log-format", "json",
+                       "--log-level", "trace"},
+                      environment());
+  const std::string said = "listening on ", line = daemon.wait_for_output(said);
+  const std::string address = line.substr(line.find(said) + said.size());
+  const auto submit = [&](const std::string& fixed) {
+    const Outcome outcome = run({"submit",
+                                 "--fixed",
+                                 images / fixed,
+                                 "--moving",
+                                 images / "moving_Doe.nii",
+                                 "--format",
+                                 "mha",
+                                 "--preset",
+                                 "fast",
+                                 "--threads",
+                                 "1",
+                                 "--model",
+                                 "gaussian",
+                                 "--similarity",
+                                 "ssd",
+                                 "--set",
+                                 "regularisation=0.0001",
+                                 "--label",
+                                 "patient=Doe, John",
+                                 "--server",
+                                 address});
+    EXPECT_EQ(outcome.exit_code, 0) << outcome.err;
+    return outcome.out.substr(0, outcome.out.find('\n'));
+  };
+  const std::string good = submit("fixed_Doe.nii"), broken = submit("broken_Doe.mha");
+  EXPECT_EQ(run({"watch", good, "--server", address}).exit_code, 0);
+  EXPECT_EQ(run({"watch", broken, "--server", address}).exit_code, 1);
+  // A refused call: its message names the label, and goes to the caller alone.
+  const Outcome refused = run({"submit", "--fixed", images / "fixed_Doe.nii", "--moving", images / "moving_Doe.nii",
+                               "--label", "patient=" + std::string(400, 'D') + "oe", "--server", address});
+  EXPECT_NE(refused.exit_code, 0);
+  EXPECT_EQ(run({"delete", good, "--server", address}).exit_code, 0);
+  daemon.signal(SIGTERM);
+  EXPECT_EQ(daemon.wait(), 0);
+
+  const std::string audit = content_of(data / "audit.log");
+  std::string logs = daemon.out() + daemon.err() + audit;
+  for (const auto& file : std::filesystem::directory_iterator(data / "logs"))
+    logs += file.path().filename().string() + content_of(file.path());
+  for (const std::string& job : {good, broken}) {
+    EXPECT_THAT(daemon.err(), HasSubstr(job)) << "the log says something at all";
+    EXPECT_THAT(audit, HasSubstr(job));
+  }
+  for (const char* word : {"Doe", "DOE", "PAT4711", "1970-01-01", "DDDD", "patient", ".nii", ".mha"})
+    EXPECT_THAT(logs, testing::Not(HasSubstr(word)));
+  std::istringstream tokens(content_of(folder / "tokens"));
+  std::string token;
+  int count = 0;
+  for (; tokens >> token; ++count) {
+    EXPECT_GE(token.size(), 32u);
+    EXPECT_THAT(logs, testing::Not(HasSubstr(token)));
+    EXPECT_THAT(logs, testing::Not(HasSubstr(token.substr(0, token.size() / 2))));
+  }
+  EXPECT_GE(count, 1);
+  std::istringstream lines(daemon.err() + audit);
+  for (std::string text; std::getline(lines, text);) EXPECT_TRUE(json::accept(text)) << text;
 }
 
 }  // namespace

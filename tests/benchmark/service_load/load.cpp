@@ -1,0 +1,312 @@
+#include "tests/benchmark/service_load/load.h"
+
+#include "saltus/v1/admin.grpc.pb.h"
+#include "saltus/v1/registration.grpc.pb.h"
+#include "tests/benchmark/service_load/pinger.h"
+#include "tests/support/child_process.h"
+#include "tests/support/temporary_folder.h"
+
+#include <grpcpp/create_channel.h>
+#include <openssl/evp.h>
+
+#include <signal.h>
+
+#include <algorithm>
+#include <atomic>
+#include <chrono>
+#include <cstdio>
+#include <functional>
+#include <memory>
+#include <optional>
+#include <stdexcept>
+#include <string>
+#include <thread>
+
+namespace saltus::benchmark {
+namespace {
+
+namespace fs = std::filesystem;
+using Clock = std::chrono::steady_clock;
+using testing_support::ChildProcess;
+
+constexpr std::chrono::milliseconds kBetweenSamples{100};
+constexpr std::chrono::seconds kBetweenCollections{2};  // what has been uploaded must not fill the disk
+constexpr int kWatchersOfConnection = 25;
+constexpr int kSubmitters = 32;  // threads that submit at the same time
+
+constexpr double kPingTarget = 50, kMemoryTarget = 300, kGrowthTarget = 10, kRestartTarget = 5;
+
+double seconds_since(Clock::time_point begin) { return std::chrono::duration<double>(Clock::now() - begin).count(); }
+
+std::string digest_of(const std::string& data) {
+  unsigned char hash[EVP_MAX_MD_SIZE];
+  unsigned size = 0;
+  EVP_Digest(data.data(), data.size(), hash, &size, EVP_sha256(), nullptr);
+  std::string text = "sha256:";
+  char hex[3];
+  for (unsigned i = 0; i < size; ++i) {
+    std::snprintf(hex, sizeof hex, "%02x", hash[i]);
+    text += hex;
+  }
+  return text;
+}
+
+std::shared_ptr<grpc::Channel> connect(const std::string& address) {
+  grpc::ChannelArguments arguments;
+  arguments.SetInt(GRPC_ARG_USE_LOCAL_SUBCHANNEL_POOL, 1);
+  return grpc::CreateCustomChannel(address, grpc::InsecureChannelCredentials(), arguments);
+}
+
+void require(const grpc::Status& status, const char* what) {
+  if (!status.ok()) throw std::runtime_error(std::string(what) + ": " + status.error_message());
+}
+
+grpc::Status upload(v1::BlobService::Stub& stub, const std::string& data) {
+  constexpr std::size_t kChunk = 1 << 20;
+  grpc::ClientContext context;
+  v1::WriteBlobResponse response;
+  const auto writer = stub.WriteBlob(&context, &response);
+  v1::WriteBlobRequest request;
+  request.set_digest(digest_of(data));
+  request.set_size(static_cast<std::int64_t>(data.size()));
+  bool is_open = writer->Write(request);
+  request.Clear();
+  for (std::size_t at = 0; is_open && at < data.size(); at += kChunk) {
+    request.set_data(data.substr(at, kChunk));
+    is_open = writer->Write(request);
+  }
+  writer->WritesDone();
+  return writer->Finish();
+}
+
+/// Runs `work(i)` for every i below `count` on several threads; throws what the first one that failed has thrown.
+template <class Work>
+void in_parallel(int count, Work work) {
+  std::atomic<int> next{0};
+  std::exception_ptr error;
+  std::atomic_flag has_failed;
+  {
+    std::vector<std::jthread> threads;
+    for (int t = 0; t < kSubmitters; ++t)
+      threads.emplace_back([&] {
+        try {
+          for (int i = next++; i < count; i = next++) work(i);
+        } catch (...) {
+          if (!has_failed.test_and_set()) error = std::current_exception();
+          next = count;
+        }
+      });
+  }
+  if (error) std::rethrow_exception(error);
+}
+
+class Load {
+ public:
+  explicit Load(const LoadOptions& options) : options_(options) {}
+
+  std::vector<Figure> run() {
+    start();
+    prepare();
+    fill_queue();
+    measure_idle();
+    measure_busy();
+    add_rows();
+    restart();
+    daemon_->signal(SIGTERM);
+    if (daemon_->wait() != 0) throw std::runtime_error("the daemon did not stop in order");
+    return figures_;
+  }
+
+ private:
+  void start() {
+    daemon_.emplace(std::vector<std::string>{options_.daemon, "--data", folder_ / "data", "--worker", options_.self,
+                                             "--slots", "1", "--log-level", "warning", "--keep-inputs-days", "0"});
+    const std::string said = "listening on ", line = daemon_->wait_for_output(said);
+    address_ = line.substr(line.find(said) + said.size());
+    channel_ = connect(address_);
+    jobs_ = v1::RegistrationService::NewStub(channel_);
+  }
+
+  void tell(const std::string& what) const { std::fprintf(stderr, "%s\n", what.c_str()); }
+
+  void add(std::string name, double value, std::string unit, int digits = 1, double target = Figure::kNoTarget) {
+    figures_.push_back(
+        {std::move(name), value, std::move(unit), options_.is_judged ? target : Figure::kNoTarget, digits});
+  }
+
+  double memory() const { return resident_mebibytes(daemon_->id()); }
+
+  void prepare() {
+    const auto blobs = v1::BlobService::NewStub(channel_);
+    for (auto* file : {request_.mutable_spec()->mutable_fixed(), request_.mutable_spec()->mutable_moving()}) {
+      const std::string data = file == request_.mutable_spec()->mutable_fixed() ? "fixed" : "moving";
+      require(upload(*blobs, data), "upload");
+      file->set_digest(digest_of(data));
+      file->set_format("mha");
+    }
+  }
+
+  std::string create() {
+    grpc::ClientContext context;
+    v1::RegistrationJob job;
+    require(jobs_->CreateRegistrationJob(&context, request_, &job), "create");
+    return job.id();
+  }
+
+  void cancel(const std::string& id) {
+    grpc::ClientContext context;
+    v1::CancelRegistrationJobRequest request;
+    request.set_id(id);
+    v1::RegistrationJob job;
+    require(jobs_->CancelRegistrationJob(&context, request, &job), "cancel");
+  }
+
+  void fill_queue() {
+    tell("queueing " + std::to_string(options_.queued) + " jobs");
+    // The first one is what the worker holds.
+    queued_.push_back(create());
+    const auto begin = Clock::now();
+    queued_.resize(static_cast<std::size_t>(options_.queued) + 1);
+    in_parallel(options_.queued, [&](int i) { queued_[static_cast<std::size_t>(i) + 1] = create(); });
+    add("jobs accepted, " + std::to_string(kSubmitters) + " at a time", options_.queued / seconds_since(begin), "/s",
+        0);
+  }
+
+  ChildProcess start_pinger(int seconds) const {
+    return ChildProcess({options_.self, "--ping", address_, "--seconds", std::to_string(seconds)});
+  }
+  static Pings result_of(ChildProcess& pinger) {
+    if (pinger.wait() != 0) throw std::runtime_error("the pinger failed: " + pinger.err());
+    return parse_pings(pinger.out());
+  }
+
+  void measure_idle() {
+    ChildProcess pinger = start_pinger(std::min(5, options_.seconds));
+    const Pings pings = result_of(pinger);
+    add("ping without load, p50", quantile(pings.times, 0.5), "ms");
+    add("ping without load, p99", quantile(pings.times, 0.99), "ms");
+  }
+
+  void measure_busy() {
+    tell("measuring for " + std::to_string(options_.seconds) + " s");
+    add("load average of the machine before", load_average(), "");
+    std::atomic<bool> is_over{false};
+    std::atomic<long> events{0}, uploaded{0}, failed{0};
+    std::vector<std::shared_ptr<grpc::ClientContext>> contexts;
+    std::vector<std::shared_ptr<grpc::Channel>> channels;
+    std::vector<std::jthread> clients;
+    const auto end = [&] {
+      is_over = true;
+      for (auto& context : contexts) context->TryCancel();
+      clients.clear();
+    };
+    // Whatever is thrown, the threads end before what they use.
+    const std::unique_ptr<void, std::function<void(void*)>> at_the_end(this, [&](void*) { end(); });
+    for (int i = 0; i < options_.watchers; ++i) {
+      if (i % kWatchersOfConnection == 0) channels.push_back(connect(address_));
+      contexts.push_back(std::make_shared<grpc::ClientContext>());
+      // Every other one watches the job that runs.
+      const std::size_t watched = i % 2 == 0 ? 0 : static_cast<std::size_t>(i) % queued_.size();
+      clients.emplace_back([&, id = queued_[watched], channel = channels.back(), context = contexts.back()] {
+        const auto stub = v1::RegistrationService::NewStub(channel);
+        v1::WatchRegistrationJobRequest request;
+        request.set_id(id);
+        const auto reader = stub->WatchRegistrationJob(context.get(), request);
+        v1::WatchRegistrationJobResponse event;
+        while (reader->Read(&event)) ++events;
+        if (reader->Finish().error_code() != grpc::StatusCode::CANCELLED) ++failed;
+      });
+    }
+    for (int i = 0; i < options_.uploads; ++i)
+      clients.emplace_back([&, i] {
+        const auto stub = v1::BlobService::NewStub(connect(address_));
+        std::string data(static_cast<std::size_t>(options_.upload_mebibytes) << 20, 'x');
+        for (long n = 0; !is_over; ++n) {
+          const std::string mark = std::to_string(i) + " " + std::to_string(n) + " ";
+          std::copy(mark.begin(), mark.end(), data.begin());
+          (upload(*stub, data).ok() ? uploaded : failed) += 1;
+        }
+      });
+    clients.emplace_back([&] {
+      const auto admin = v1::AdminService::NewStub(connect(address_));
+      while (!is_over) {
+        grpc::ClientContext context;
+        v1::CollectGarbageResponse response;
+        if (!admin->CollectGarbage(&context, {}, &response).ok()) ++failed;
+        for (auto until = Clock::now() + kBetweenCollections; !is_over && Clock::now() < until;)
+          std::this_thread::sleep_for(kBetweenSamples);
+      }
+    });
+    const double used_before = processor_seconds(daemon_->id()), busy_before = busy_seconds_of_machine();
+    const double own_before = processor_seconds(::getpid());
+    Series memory_at;
+    ChildProcess pinger = start_pinger(options_.seconds);
+    for (const auto begin = Clock::now(); seconds_since(begin) < options_.seconds;) {
+      memory_at.add(seconds_since(begin), memory());
+      std::this_thread::sleep_for(kBetweenSamples);
+    }
+    const double used = processor_seconds(daemon_->id()) - used_before;
+    const double own = processor_seconds(::getpid()) - own_before;
+    const double others = busy_seconds_of_machine() - busy_before - used - own;
+    const auto done = uploaded.load();
+    const Pings pings = result_of(pinger);
+    end();
+    if (failed > 0) throw std::runtime_error(std::to_string(failed) + " watchers, uploads or collections have failed");
+
+    const double seconds = options_.seconds;
+    add("ping, p50", quantile(pings.times, 0.5), "ms");
+    add("ping, p99", quantile(pings.times, 0.99), "ms", 1, kPingTarget);
+    add("ping, longest", quantile(pings.times, 1), "ms");
+    add("sent later than due (a thread that only sleeps), p99", quantile(pings.lateness, 0.99), "ms");
+    add("uploaded by " + std::to_string(options_.uploads) + " streams",
+        static_cast<double>(done) * options_.upload_mebibytes / seconds, "MiB/s", 0);
+    add("events to " + std::to_string(options_.watchers) + " watchers", static_cast<double>(events) / seconds, "/s", 0);
+    add("memory of the daemon, most", memory_at.most(), "MiB", 0, kMemoryTarget);
+    add("memory, last quarter less second quarter", memory_at.mean_between(0.75, 1) - memory_at.mean_between(0.25, 0.5),
+        "MiB", 1, kGrowthTarget);
+    add("memory, slope of the second half", memory_at.slope_of_second_half(), "MiB/min");
+    add("cores used by the daemon", used / seconds, "");
+    add("cores used by the clients", own / seconds, "");
+    add("cores used by everything else", others / seconds, "");
+  }
+
+  /// Cancelled jobs: rows that stay.
+  void add_rows() {
+    const int more = options_.rows - options_.queued;
+    if (more <= 0) return;
+    tell("adding " + std::to_string(more) + " rows");
+    // Room in the queue for those that are made and cancelled at once.
+    for (int i = 0; i < std::min(2 * kSubmitters, options_.queued); ++i)
+      cancel(queued_[queued_.size() - 1 - static_cast<std::size_t>(i)]);
+    in_parallel(more, [&](int) { cancel(create()); });
+  }
+
+  void restart() {
+    daemon_->signal(SIGKILL);
+    daemon_->wait();
+    const auto begin = Clock::now();
+    start();
+    grpc::ClientContext context;
+    v1::ServerInfo answer;
+    require(v1::ServerInfoService::NewStub(channel_)->GetServerInfo(&context, {}, &answer), "ping after the restart");
+    add("restart with " + std::to_string(std::max(options_.rows, options_.queued)) + " rows after kill -9",
+        seconds_since(begin), "s", 2, kRestartTarget);
+    add("memory after the restart", memory(), "MiB", 0);
+  }
+
+  const LoadOptions options_;
+  testing_support::TemporaryFolder folder_;
+  std::optional<ChildProcess> daemon_;
+  std::string address_;
+  std::shared_ptr<grpc::Channel> channel_;
+  std::unique_ptr<v1::RegistrationService::Stub> jobs_;
+  v1::CreateRegistrationJobRequest request_;
+  std::vector<std::string> queued_;
+  std::vector<Figure> figures_;
+};
+
+}  // namespace
+
+std::vector<Figure> run_load(const LoadOptions& options) { return Load(options).run(); }
+
+}  // namespace saltus::benchmark
