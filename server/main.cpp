@@ -17,6 +17,7 @@
 #include <cstdio>
 #include <exception>
 #include <iostream>
+#include <memory>
 
 namespace {
 
@@ -106,6 +107,8 @@ int serve(const Config& config, int signals) {
 }  // namespace
 
 int main(int argc, char** argv) {
+  // Last of all, whichever way this ends.
+  const std::unique_ptr<void, void (*)(void*)> log_end(&argc, [](void*) { end_log(); });
   set_fault_log([](const std::string& line) { write_log({LogLine::Level::Error, line}); });
   const int signals = take_signals();
   ::umask(0077);

@@ -1,13 +1,18 @@
 #include "server/observe/log_output.h"
 
 #include "server/observe/json_line.h"
+#include "server/observe/line_writer.h"
 #include "server/observe/time_text.h"
 
 #include <grpc/support/log.h>
-#include <spdlog/sinks/stdout_sinks.h>
+#include <spdlog/sinks/base_sink.h>
 #include <spdlog/spdlog.h>
 
+#include <unistd.h>
+
 #include <atomic>
+#include <memory>
+#include <mutex>
 
 namespace saltus::server {
 namespace {
@@ -60,6 +65,28 @@ std::string text(const LogLine& line) {
   return about.empty() ? line.message : line.message + " (" + about + ")";
 }
 
+std::string lost_line(std::uint64_t lost) {
+  const LogLine line(LogLine::Level::Warning,
+                     std::to_string(lost) + " log lines are missing here, because nobody has read standard error");
+  return (is_json ? json(line) : line.message) + "\n";
+}
+
+/// Formats, and leaves the waiting to the writer's thread.
+class QueuedSink final : public spdlog::sinks::base_sink<std::mutex> {
+ public:
+  QueuedSink() : writer_(STDERR_FILENO, lost_line, {}) {}
+
+ private:
+  void sink_it_(const spdlog::details::log_msg& message) override {
+    spdlog::memory_buf_t line;
+    formatter_->format(message, line);
+    writer_.add(fmt::to_string(line));
+  }
+  void flush_() override {}
+
+  LineWriter writer_;
+};
+
 /// What gRPC finds worth an error (a stranger's failed handshake, say) is no error of the daemon.
 void write_log_of_grpc(gpr_log_func_args* arguments) {
   write_log({arguments->severity == GPR_LOG_SEVERITY_ERROR ? LogLine::Level::Warning : LogLine::Level::Debug,
@@ -70,11 +97,16 @@ void write_log_of_grpc(gpr_log_func_args* arguments) {
 
 void start_log(const std::string& level, LogFormat format) {
   is_json = format == LogFormat::Json;
-  const auto logger = spdlog::stderr_logger_mt("saltusd");
+  const auto logger = std::make_shared<spdlog::logger>("saltusd", std::make_shared<QueuedSink>());
   logger->set_level(spdlog::level::from_str(level));
   if (is_json) logger->set_pattern("%v");
   spdlog::set_default_logger(logger);
   gpr_set_log_function(write_log_of_grpc);
+}
+
+void end_log() {
+  const auto nobody = std::make_shared<spdlog::logger>("saltusd");
+  spdlog::set_default_logger(nobody);
 }
 
 void write_log(const LogLine& line) {

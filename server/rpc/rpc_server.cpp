@@ -15,7 +15,7 @@ namespace {
 
 // Enough that a few slow disk operations do not hold up the rest; each costs one stack.
 constexpr int kPoolThreads = 4;
-constexpr int kTransferThreads = 8;
+constexpr int kTransferThreads = 4;  // more of them take the cores from gRPC's threads, and are no faster
 
 // Above what the gates of the streams let in: HTTP/2 does not refuse, it lets the client wait.
 constexpr int kStreamsOfConnection = 512;

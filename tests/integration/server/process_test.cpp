@@ -175,6 +175,21 @@ TEST_F(Process, DoesNotTakeASocketFromAnotherDaemon) {
   EXPECT_THAT(second.err(), HasSubstr("another program listens"));
 }
 
+// Nothing reads the pipe with the log before the end; it holds 64 KiB.
+TEST_F(Process, GoesOnWhenNobodyReadsItsLog) {
+  use_worker("exec sleep 1000");
+  auto process = serve();
+  const auto request = valid_request();
+  for (int i = 0; i < 500; ++i) {
+    v1::RegistrationJob job;
+    ASSERT_TRUE(create(request, job).ok());
+    cancel(job.id());
+  }
+  stop(process);
+  EXPECT_GT(process.err().size(), 64u << 10);
+  EXPECT_THAT(process.err(), ::testing::EndsWith("stopped\n"));
+}
+
 // The child's standard input is empty from the start.
 TEST_F(Process, APrivateDaemonGoesWithItsClient) {
   auto process = serve({"--exit-on-stdin-close"});
