@@ -153,6 +153,7 @@ void JobManager::worker_ended(const AttemptKey& key, const WorkerExit& exit) {
   switch (exit.kind) {
     case WorkerExit::Kind::Exited:
       if (exit.number == kOutOfMemoryExit) return fail(key, Limit::Memory, Ending::None);
+      if (exit.number == kNoRoomExit) return lose(key, LossCause::NoRoom, "");
       return lose(key, LossCause::Exited, "exit code " + number);
     case WorkerExit::Kind::Signalled:
       if (exit.number == kProcessorTimeSignal) return fail(key, Limit::CpuTime, Ending::None);

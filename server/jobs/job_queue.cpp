@@ -67,6 +67,8 @@ std::string describe(LossCause cause, const std::string& detail) {
       return "the worker was not heard of for too long";
     case LossCause::Stalled:
       return "the worker was alive but stood still for " + detail;
+    case LossCause::NoRoom:
+      return "the daemon's disk had no room for the results";
     case LossCause::LaunchFailed:
       return "the worker could not be started: " + detail;
     case LossCause::Released:
@@ -89,6 +91,8 @@ std::string reason_of(LossCause cause) {
       return "LEASE_EXPIRED";
     case LossCause::Stalled:
       return "STALLED";
+    case LossCause::NoRoom:
+      return "STORAGE_FULL";
     case LossCause::LaunchFailed:
       return "LAUNCH_FAILED";
     case LossCause::Released:

@@ -29,6 +29,7 @@ enum class LossCause {
   Vanished,      ///< the worker's process was gone after a restart of the daemon
   LeaseExpired,  ///< nothing was heard of the worker for too long
   Stalled,       ///< the worker's heartbeat goes on, its work does not
+  NoRoom,        ///< the disk had no room for the results
   LaunchFailed,  ///< the worker could not be started
   Released,      ///< the daemon stopped the worker to shut down; does not count
 };

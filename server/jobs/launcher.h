@@ -25,8 +25,9 @@ struct WorkerExit {
   int number = 0;
 };
 
-/// The exit code of a worker that had no memory left, not even for telling so.
-constexpr int kOutOfMemoryExit = 6;
+/// Exit codes of a worker that mean something to the daemon.
+constexpr int kOutOfMemoryExit = 6;  ///< it had no memory left, not even for telling so
+constexpr int kNoRoomExit = 7;       ///< the daemon's disk had no room for its results
 
 /// Starts and ends worker processes. Thread-safe.
 class Launcher {

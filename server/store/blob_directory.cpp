@@ -87,7 +87,7 @@ std::unique_ptr<BlobReader> BlobDirectory::open(const std::string& digest, std::
   struct stat status {};
   if (descriptor.get() < 0 || ::fstat(descriptor.get(), &status) != 0 || status.st_size != size)
     throw blob_corrupt(digest);
-  return std::make_unique<FileReader>(std::move(descriptor), digest, size,
+  return std::make_unique<FileReader>(disk_, std::move(descriptor), digest, size,
                                       [this, digest](int file) { move_aside(digest, file); });
 }
 

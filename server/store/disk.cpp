@@ -13,6 +13,8 @@ ssize_t Disk::write(int descriptor, const char* bytes, std::size_t count, off_t 
   return ::pwrite(descriptor, bytes, count, offset);
 }
 
+ssize_t Disk::read(int descriptor, char* bytes, std::size_t count) { return ::read(descriptor, bytes, count); }
+
 int Disk::sync_data(int descriptor) { return ::fdatasync(descriptor); }
 
 int Disk::sync(int descriptor) {

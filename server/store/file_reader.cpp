@@ -2,8 +2,6 @@
 
 #include "server/store/disk_errors.h"
 
-#include <unistd.h>
-
 #include <algorithm>
 #include <cerrno>
 
@@ -37,7 +35,7 @@ std::string FileReader::read(std::size_t limit) {
       static_cast<std::size_t>(std::min<std::int64_t>(static_cast<std::int64_t>(limit), size_ - position_)), '\0');
   std::size_t filled = 0;
   while (filled < bytes.size()) {
-    const ssize_t count = ::read(descriptor_.get(), bytes.data() + filled, bytes.size() - filled);
+    const ssize_t count = disk_.read(descriptor_.get(), bytes.data() + filled, bytes.size() - filled);
     if (count < 0 && errno == EINTR) continue;
     // A part of the disk that cannot be read any more.
     if (count == 0 || (count < 0 && errno == EIO)) fail();

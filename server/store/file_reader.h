@@ -2,6 +2,7 @@
 
 #include "server/jobs/blob_store.h"
 #include "server/jobs/refusal.h"
+#include "server/store/disk.h"
 #include "server/store/file_descriptor.h"
 #include "server/store/sha256.h"
 
@@ -15,10 +16,12 @@ Refusal blob_corrupt(const std::string& digest);
 /// A blob's file, checked against its digest as it is read.
 class FileReader final : public BlobReader {
  public:
-  /// `on_corrupt` is called with the file's descriptor when the bytes turn out to be others than `digest` says.
-  FileReader(FileDescriptor descriptor, std::string digest, std::int64_t size,
+  /// `on_corrupt` is called with the file's descriptor when the bytes turn out to be others than `digest` says, or
+  /// cannot be read any more.
+  FileReader(Disk& disk, FileDescriptor descriptor, std::string digest, std::int64_t size,
              std::function<void(int descriptor)> on_corrupt)
-      : descriptor_(std::move(descriptor)),
+      : disk_(disk),
+        descriptor_(std::move(descriptor)),
         digest_(std::move(digest)),
         size_(size),
         on_corrupt_(std::move(on_corrupt)) {}
@@ -31,6 +34,7 @@ class FileReader final : public BlobReader {
  private:
   [[noreturn]] void fail();
 
+  Disk& disk_;
   const FileDescriptor descriptor_;
   const std::string digest_;
   const std::int64_t size_;

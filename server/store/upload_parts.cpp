@@ -139,7 +139,7 @@ void UploadParts::learn_committed(UploadPart& part) {
   const FileDescriptor descriptor(::open(part.file.c_str(), O_RDWR | O_CLOEXEC));
   struct stat status {};
   if (descriptor.get() < 0 || ::fstat(descriptor.get(), &status) != 0)
-    throw system_failure("cannot open " + part.file.string());
+    fail_write(state_, "cannot open " + part.file.string());
   sync(part, descriptor.get());
   part.committed = status.st_size;
 }

@@ -22,7 +22,8 @@ int main(int argument_count, char** arguments) {
   app.footer(
       "Exit codes: 0 an outcome was reported, 1 internal error, 2 usage, 3 saltusd not reachable for the length of "
       "the\n"
-      "lease, 4 lease lost, 5 ended by SIGTERM before an outcome, 6 out of memory, which could not be reported.");
+      "lease, 4 lease lost, 5 ended by SIGTERM before an outcome, 6 out of memory, which could not be reported, 7 no "
+      "room for the results.");
   try {
     app.parse(argument_count, arguments);
   } catch (const CLI::ParseError& error) {

@@ -9,6 +9,7 @@
 #include "server/worker/registration_job.h"
 #include "server/worker/work_folder.h"
 
+#include <algorithm>
 #include <exception>
 #include <fstream>
 #include <iostream>
@@ -18,6 +19,10 @@
 
 namespace saltus::worker {
 namespace {
+
+// Results that are computed are worth more patience than a lease lasts: somebody may be making room on the disk. Less
+// than the daemon takes by default to call an attempt stalled.
+constexpr std::chrono::minutes room_patience{10};
 
 WorkerExit exit_for(StopReason reason) {
   switch (reason) {
@@ -41,6 +46,7 @@ WorkerExit exit_for(const client::ClientError& error) {
   std::cerr << "saltus-worker: " << error.what() << std::endl;
   if (error.code() == grpc::StatusCode::ABORTED) return LeaseLostExit;
   if (memory_is_used_up()) return OutOfMemoryExit;
+  if (error.reason() == "STORAGE_FULL") return NoRoomExit;
   return error.code() == grpc::StatusCode::UNAVAILABLE ? DaemonUnreachable : InternalError;
 }
 
@@ -230,10 +236,14 @@ WorkerExit work(Lease& lease, const AttemptIdentity& identity, const std::filesy
     std::filesystem::create_directory(results);
     const auto names = register_with_checkpoints(task, lease, identity, checkpoint, folder, results);
 
+    // A daemon that is away is not waited for so long: the lease then ends, and with it the transfer.
+    client::CallSettings patient = lease.transfer_settings();
+    patient.retry.patience = std::max<std::chrono::milliseconds>(patient.retry.patience, room_patience);
+    client::BlobTransfer result_blobs(client::make_channel(identity.server), patient);
     std::vector<v1::Artifact> artifacts;
     for (const std::string& name : names) {
       SALTUS_FAILPOINT("worker.upload.before");
-      const client::FileDigest sent = blobs.upload(results / name);
+      const client::FileDigest sent = result_blobs.upload(results / name);
       SALTUS_FAILPOINT("worker.upload.after");
       v1::Artifact artifact;
       artifact.set_name(name);

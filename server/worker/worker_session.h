@@ -5,7 +5,7 @@
 namespace saltus::worker {
 
 /// How saltus-worker ends; the daemon decides by the job's record, these are for people and launchers, but for
-/// OutOfMemoryExit (kOutOfMemoryExit in server/jobs/launcher.h).
+/// OutOfMemoryExit and NoRoomExit (server/jobs/launcher.h).
 enum WorkerExit {
   OutcomeReported = 0,    ///< success, failure or cancellation was accepted by the daemon
   InternalError = 1,      ///< nothing was reported; the reason is on standard error
@@ -13,7 +13,8 @@ enum WorkerExit {
   DaemonUnreachable = 3,  ///< for as long as the lease lasts
   LeaseLostExit = 4,      ///< the attempt is no longer wanted
   TerminatedExit = 5,     ///< by SIGTERM, before an outcome
-  OutOfMemoryExit = 6     ///< and the daemon could not be told; it takes the code for MEMORY_LIMIT
+  OutOfMemoryExit = 6,    ///< and the daemon could not be told; it takes the code for MEMORY_LIMIT
+  NoRoomExit = 7          ///< the daemon's disk had no room for the results for as long as they could wait
 };
 
 /// Does one attempt from lease to outcome: fetches the inputs into a temporary folder, runs the registration, sends the

@@ -17,6 +17,9 @@ class FakeDisk final : public server::Disk {
     }
     return Disk::write(descriptor, bytes, count, offset);
   }
+  ssize_t read(int descriptor, char* bytes, std::size_t count) override {
+    return fails(read_error) ? -1 : Disk::read(descriptor, bytes, count);
+  }
   int sync_data(int descriptor) override {
     ++syncs;
     return fails(sync_error) ? -1 : Disk::sync_data(descriptor);
@@ -32,6 +35,7 @@ class FakeDisk final : public server::Disk {
     return 0;
   }
 
+  std::atomic<int> read_error{0};
   std::atomic<int> write_error{0};
   std::atomic<int> sync_error{0};
   std::atomic<int> rename_error{0};

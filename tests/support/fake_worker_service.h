@@ -44,8 +44,27 @@ class FakeBlobs : public v1::BlobService::Service {
       if (!blobs_.contains(digest)) response->add_missing(digest);
     return grpc::Status::OK;
   }
-  grpc::Status WriteBlob(grpc::ServerContext*, grpc::ServerReader<v1::WriteBlobRequest>* reader,
+  /// The next `count` uploads find the disk full, and are told when there may be room.
+  void fill_disk(int count, std::chrono::milliseconds retry_after) {
+    std::lock_guard lock(mutex_);
+    refusals_ = count;
+    retry_after_ = retry_after;
+  }
+  int refusals_left() {
+    std::lock_guard lock(mutex_);
+    return refusals_;
+  }
+  grpc::Status WriteBlob(grpc::ServerContext* context, grpc::ServerReader<v1::WriteBlobRequest>* reader,
                          v1::WriteBlobResponse*) override {
+    {
+      std::lock_guard lock(mutex_);
+      if (refusals_ > 0) {
+        --refusals_;
+        context->AddTrailingMetadata("saltus-reason", "STORAGE_FULL");
+        context->AddTrailingMetadata("saltus-retry-after-ms", std::to_string(retry_after_.count()));
+        return {grpc::StatusCode::RESOURCE_EXHAUSTED, "the disk is full"};
+      }
+    }
     std::string bytes;
     for (v1::WriteBlobRequest request; reader->Read(&request);) bytes += request.data();
     put(bytes);
@@ -78,6 +97,8 @@ class FakeBlobs : public v1::BlobService::Service {
 
  private:
   std::mutex mutex_;
+  int refusals_ = 0;
+  std::chrono::milliseconds retry_after_{};
   std::map<std::string, std::string> blobs_;
 };
 

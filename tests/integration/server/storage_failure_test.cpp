@@ -91,6 +91,96 @@ TEST_F(StorageFailure, AfterAFailedSyncTheDaemonOnlyReads) {
   EXPECT_EQ(get(job.id()).id(), job.id());
 }
 
+TEST_F(StorageFailure, AWorkerWhoseResultFindsNoRoomDeliversItWhenThereIsSome) {
+  auto disk = std::make_shared<testing_support::FakeDisk>();
+  reserve = {0.05, 0};
+  DaemonParts parts;
+  parts.disk = disk;
+  disk->total = 1000;
+  disk->available = 1000;
+  start(std::move(parts));
+  const auto job = created();
+  const auto launch = launcher->wait_for_start(1);
+  disk->available = 54;
+  std::string reason;
+  EXPECT_EQ(upload_part("field", 0, 5, &reason).error_code(), grpc::StatusCode::RESOURCE_EXHAUSTED);
+  EXPECT_EQ(reason, "STORAGE_FULL");
+  v1::HeartbeatResponse answer;
+  EXPECT_TRUE(heartbeat(launch, 1, answer).ok()) << "the attempt goes on";
+  EXPECT_EQ(get(job.id()).state(), v1::JOB_STATE_RUNNING);
+  disk->available = 55;
+  EXPECT_TRUE(succeed(launch).ok());
+  EXPECT_EQ(get(job.id()).state(), v1::JOB_STATE_SUCCEEDED);
+  EXPECT_EQ(downloaded(digest_of("field")), "field");
+  EXPECT_EQ(failures, 0);
+}
+
+TEST_F(StorageFailure, ABlobThatCannotBeReadAnyMoreIsDamagedAndAnUploadHealsIt) {
+  auto disk = std::make_shared<testing_support::FakeDisk>();
+  DaemonParts parts;
+  parts.disk = disk;
+  start(std::move(parts));
+  const std::string digest = uploaded("fixed");
+  disk->read_error = EIO;
+  grpc::ClientContext context;
+  v1::ReadBlobRequest request;
+  request.set_digest(digest);
+  v1::ReadBlobResponse response;
+  const auto reader = blobs->ReadBlob(&context, request);
+  EXPECT_FALSE(reader->Read(&response));
+  EXPECT_EQ(reader->Finish().error_code(), grpc::StatusCode::DATA_LOSS);
+  EXPECT_EQ(testing_support::reason_of(context), "BLOB_CORRUPT");
+  disk->read_error = 0;
+  EXPECT_TRUE(fs::exists(folder / "data/corrupt" / digest.substr(7)));
+  uploaded("fixed");
+  EXPECT_EQ(downloaded(digest), "fixed");
+  EXPECT_EQ(failures, 0);
+}
+
+/// A file system of its own, which can be made read-only as the kernel does with one that is damaged.
+class ReadOnlyFolder : public StorageFailure {
+ protected:
+  ~ReadOnlyFolder() override {
+    crash();
+    for (auto path = mounted.rbegin(); path != mounted.rend(); ++path) ::umount2(path->c_str(), MNT_DETACH);
+  }
+  bool mount(const fs::path& from, const fs::path& to, const char* type, unsigned long flags) {
+    if (::mount(from.c_str(), to.c_str(), type, flags, nullptr) != 0) return false;
+    mounted.push_back(to);
+    return true;
+  }
+  std::vector<fs::path> mounted;
+};
+
+TEST_F(ReadOnlyFolder, AFolderThatCannotBeWrittenIsRefusedAtTheStart) {
+  start();
+  const auto job = created();
+  crash();
+  const fs::path data = folder / "data";
+  if (!mount(data, data, nullptr, MS_BIND))
+    GTEST_SKIP() << "a file system cannot be mounted here: " << std::strerror(errno);
+  ASSERT_EQ(::mount(nullptr, data.c_str(), nullptr, MS_REMOUNT | MS_BIND | MS_RDONLY, nullptr), 0);
+  EXPECT_THAT(refused_start(), AllOf(HasSubstr(fs::canonical(data).string()), HasSubstr("cannot be written")));
+  ASSERT_EQ(::mount(nullptr, data.c_str(), nullptr, MS_REMOUNT | MS_BIND, nullptr), 0);
+  start();
+  EXPECT_EQ(get(job.id()).id(), job.id());
+}
+
+TEST_F(ReadOnlyFolder, AFolderThatBecomesReadOnlyIsOnlyRead) {
+  start();
+  const auto request = valid_request();
+  const auto job = created();
+  const fs::path uploads = folder / "data/uploads";
+  if (!mount(uploads, uploads, nullptr, MS_BIND))
+    GTEST_SKIP() << "a file system cannot be mounted here: " << std::strerror(errno);
+  ASSERT_EQ(::mount(nullptr, uploads.c_str(), nullptr, MS_REMOUNT | MS_BIND | MS_RDONLY, nullptr), 0);
+  std::string reason;
+  EXPECT_EQ(upload_part("lost", 0, 4, &reason).error_code(), grpc::StatusCode::UNAVAILABLE);
+  EXPECT_EQ(reason, "STORE_UNAVAILABLE");
+  EXPECT_THAT(failure, HasSubstr("Read-only file system"));
+  expect_read_only(request, job.id());
+}
+
 /// Lets every write of the connection that writes fail: its log is opened first of all.
 void break_database_log() {
   int first = -1;

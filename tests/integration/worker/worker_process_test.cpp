@@ -165,6 +165,23 @@ TEST_F(WorkerProcess, EndsWithACodeOfItsOwnWhenWantOfMemoryCannotBeReported) {
   EXPECT_EQ(lost.wait(), 4) << lost.err();
 }
 
+TEST_F(WorkerProcess, WaitsForRoomForItsResults) {
+  blobs.fill_disk(5, std::chrono::milliseconds(1));
+  run();
+  ASSERT_TRUE(service.outcome && service.outcome->has_success());
+  EXPECT_EQ(blobs.refusals_left(), 0);
+  for (const auto& [name, digest] : results()) EXPECT_FALSE(blobs.get(digest).empty()) << name;
+}
+
+// No worker waits until the next day.
+TEST_F(WorkerProcess, EndsWithACodeOfItsOwnWhenThereWillBeNoRoomForItsResults) {
+  blobs.fill_disk(1000, std::chrono::hours(24));
+  ChildProcess worker = start();
+  EXPECT_EQ(worker.wait(), 7) << worker.err();
+  EXPECT_FALSE(service.outcome);
+  EXPECT_TRUE(std::filesystem::is_empty(folder / "tmp"));
+}
+
 TEST_F(WorkerProcess, FailsWithCpuTimeWhenItUsesMoreThanItMay) {
   make_it_last();
   service.terms.mutable_limits()->set_cpu_seconds(1);

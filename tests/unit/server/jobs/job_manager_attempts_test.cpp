@@ -288,6 +288,18 @@ TEST_F(JobManagerTest, AWorkerWithoutMemoryFailsTheJobForGood) {
   }
 }
 
+TEST_F(JobManagerTest, AWorkerWithoutRoomForItsResultsIsTriedAgainAndSaysWhy) {
+  const auto worker = submit_and_launch();
+  launcher->end(worker.key, {WorkerExit::Kind::Exited, 7});
+  EXPECT_EQ(state(worker.key.job_id), JobState::Queued);
+  EXPECT_EQ(store.table.find(worker.key.job_id)->last_loss->reason, "STORAGE_FULL");
+  for (int attempt = 2; attempt <= 3; ++attempt) {
+    wait_for_retry();
+    launcher->end(launcher->started().back().key, {WorkerExit::Kind::Exited, 7});
+  }
+  EXPECT_THAT(store.table.find(worker.key.job_id)->failure->message, ::testing::HasSubstr("no room for the results"));
+}
+
 TEST_F(JobManagerTest, WhatCannotBeRecordedIsNotKilled) {
   const auto worker = submit_and_launch();
   store.refuse_writes = true;
