@@ -5,6 +5,8 @@
 
 #include <Eigen/LU>
 
+#include <algorithm>
+
 namespace saltus {
 namespace {
 
@@ -60,40 +62,40 @@ template <int Dim, class T>
 struct CoadjointTransport<Dim, T>::Face {
   std::array<std::size_t, 2> beside;  ///< the two sites; equal at the lattice's end
   std::array<Index<Dim>, 2> index;
-  Square<Dim, T> F, G, dF;  ///< G = F^-T, dF = d_axis F
   std::array<T, Dim> at;    ///< index coordinates of its position now
+  Square<Dim, T> F, G, dF;  ///< G = F^-T, dF = d_axis F
 
-  Face(const CoadjointTransport& owner, int axis, const Index<Dim>& where, std::size_t site, const T* displacement) {
+  /// With its position alone.
+  Face(const MovedSites<Dim, T>& sites, int axis, const Index<Dim>& where, std::size_t site) {
+    const Lattice<Dim>& lattice = sites.lattice();
     beside = {site, site};
     index = {where, where};
-    if (where[axis] + 1 < owner.lattice_.size[axis]) {
-      beside[1] += owner.stride_[axis];
+    if (where[axis] + 1 < lattice.size[axis]) {
+      beside[1] += sites.strides()[axis];
       ++index[1][axis];
     }
-    if (owner.evolution_ == Evolution::Carried) {
-      F.setIdentity();
-      G.setIdentity();
-      dF.setZero();
-    } else {
-      differentiate(owner, axis);
-    }
+    const T* displacement = sites.displacement();
     for (int a = 0; a < Dim; ++a) {
       const T moved = T(0.5) * (displacement[Dim * beside[0] + a] + displacement[Dim * beside[1] + a]);
-      at[a] =
-          static_cast<T>(where[a] + (a == axis ? 0.5 : 0.0) + static_cast<double>(moved) / owner.lattice_.spacing[a]);
+      at[a] = static_cast<T>(where[a] + (a == axis ? 0.5 : 0.0) + static_cast<double>(moved) / lattice.spacing[a]);
     }
   }
 
-  void differentiate(const CoadjointTransport& owner, int axis) {
+  void differentiate(const MovedSites<Dim, T>& sites, int axis) {
     F.setZero();
     dF.setZero();
+    if (!sites.has_jacobians()) {
+      F.setIdentity();
+      G.setIdentity();
+      return;
+    }
     for (int side = 0; side < 2; ++side) {
-      F += T(0.5) * load_matrix<Dim, T>(owner.jacobian_.data() + Dim * Dim * beside[side]);
+      F += T(0.5) * load_matrix<Dim, T>(sites.jacobians() + Dim * Dim * beside[side]);
       T derivative[Dim * Dim];
-      SideDifferences<Dim * Dim, Dim, T>(owner.lattice_, index[side], beside[side], owner.stride_[axis], axis,
-                                         owner.jacobian_.data(), T(1))
+      SideDifferences<Dim * Dim, Dim, T>(sites.lattice(), index[side], beside[side], sites.strides()[axis], axis,
+                                         sites.jacobians(), T(1))
           .combine(derivative);
-      dF += static_cast<T>(0.5 / owner.lattice_.spacing[axis]) * load_matrix<Dim, T>(derivative);
+      dF += static_cast<T>(0.5 / sites.lattice().spacing[axis]) * load_matrix<Dim, T>(derivative);
     }
     G = F.inverse().transpose();
   }
@@ -118,44 +120,7 @@ CoadjointTransport<Dim, T>::CoadjointTransport(const Lattice<Dim>& lattice, doub
       unit_(evolution == Evolution::Exact ? static_cast<T>(unit) : T(0)),
       evolution_(evolution),
       has_zeroth_(has_zeroth),
-      has_first_(has_first) {
-  std::size_t stride = 1;
-  for (int axis = 0; axis < Dim; ++axis) {
-    stride_[axis] = stride;
-    stride *= static_cast<std::size_t>(lattice.size[axis]);
-  }
-  if (evolution == Evolution::Carried) return;  // F is the identity
-  jacobian_.resize(Dim * Dim * lattice.sites());
-  jacobian_dual_.resize(jacobian_.size());
-}
-
-template <int Dim, class T>
-void CoadjointTransport<Dim, T>::find_jacobians(const T* displacement) {
-  if (evolution_ == Evolution::Carried) return;
-#pragma omp parallel for schedule(static)
-  for (int slab = 0; slab < lattice_.size[Dim - 1]; ++slab)
-    visit_slab<Dim>(lattice_, slab, [&](const Index<Dim>& index, std::size_t site) {
-      T* F = jacobian_.data() + Dim * Dim * site;
-      for (int axis = 0; axis < Dim; ++axis) {
-        T column[Dim];
-        SideDifferences<Dim, Dim, T>(lattice_, index, site, stride_[axis], axis, displacement,
-                                     static_cast<T>(1 / lattice_.spacing[axis]))
-            .combine(column);
-        for (int row = 0; row < Dim; ++row) F[Dim * row + axis] = column[row] + (row == axis ? T(1) : T(0));
-      }
-    });
-}
-
-template <int Dim, class T>
-auto CoadjointTransport<Dim, T>::inverse_jacobian(std::size_t site) const -> Inverse {
-  if (evolution_ == Evolution::Carried) return Inverse::Identity();
-  return load_matrix<Dim, T>(jacobian_.data() + Dim * Dim * site).inverse();
-}
-
-template <int Dim, class T>
-AxisFlags<Dim> CoadjointTransport<Dim, T>::reached_axes(const AxisFlags<Dim>& start) const {
-  return evolution_ == Evolution::Exact && any_axis<Dim>(start) ? all_axes<Dim>() : start;
-}
+      has_first_(has_first) {}
 
 template <int Dim, class T>
 template <class Visit>
@@ -167,33 +132,56 @@ void CoadjointTransport<Dim, T>::visit_slab_of(const BlockSet<Dim>* blocks, int 
 }
 
 template <int Dim, class T>
-void CoadjointTransport<Dim, T>::push(const T* displacement, const T* zeroth, const T* first, T* zeroth_out,
-                                      T* first_out, const AxisBlocks<Dim>& blocks) {
+MomentumMasks<Dim> CoadjointTransport<Dim, T>::reached(const MovedSites<Dim, T>& sites,
+                                                       const AxisBlocks<Dim>& blocks) const {
+  const auto all = BlockMask<Dim>::all(lattice_), none = BlockMask<Dim>::none(lattice_);
+  MomentumMasks<Dim> masks{has_zeroth_ ? all : none, masks_of<Dim>(lattice_, {})};
+  masks.first.fill(none);
+  const bool exact = evolution_ == Evolution::Exact;
+  for (int axis = 0; has_first_ && axis < Dim; ++axis) {
+    const bool is_everywhere = !blocks[axis] || blocks[axis]->is_complete();
+    if (!is_everywhere && blocks[axis]->sites() == 0) continue;
+    for (int b = -1; b < Dim; ++b) {
+      if (!exact && b != axis) continue;  // nothing turns into another order or axis
+      BlockMask<Dim>& mask = b < 0 ? masks.zeroth : masks.first[b];
+      if (is_everywhere) mask = all;
+      if (mask.is_all()) continue;
+      for (int slab = 0; slab < lattice_.size[Dim - 1]; ++slab)
+        blocks[axis]->visit_slab(slab, [&](const Index<Dim>& index, std::size_t site) {
+          mask.mark_cell(LinearCell<Dim, T>(lattice_, Face(sites, axis, index, site).on(b)));
+        });
+    }
+  }
+  masks.zeroth.complete_if_dense();
+  for (BlockMask<Dim>& mask : masks.first) mask.complete_if_dense();
+  return masks;
+}
+
+template <int Dim, class T>
+void CoadjointTransport<Dim, T>::push(MovedSites<Dim, T>& sites, const T* zeroth, const T* first,
+                                      const AxisBlocks<Dim>& blocks, const MomentumMasks<Dim>& reached, T* zeroth_out,
+                                      T* first_out) {
   const std::size_t field = Dim * lattice_.sites();
-  find_jacobians(displacement);
-  std::fill(zeroth_out, zeroth_out + field, T(0));
+  reached.zeroth.clear(lattice_, Dim, zeroth_out);
   if (has_zeroth_) {
-    plan_.place_sites(lattice_, displacement, lattice_);
-    plan_.template add<Dim>(
+    sites.plan().place_sites(lattice_, sites.displacement(), lattice_);
+    sites.plan().template add<Dim>(
         [&](std::size_t site, std::array<T, Dim>& out) {
           if (is_zero<Dim, T>(zeroth + Dim * site)) return false;
-          out = as_array<Dim, T>(inverse_jacobian(site).transpose() * load<Dim, T>(zeroth + Dim * site));
+          out = as_array<Dim, T>(sites.inverse_jacobian(site).transpose() * load<Dim, T>(zeroth + Dim * site));
           return true;
         },
         zeroth_out);
   }
   if (!has_first_) return;
-  const AxisFlags<Dim> start = axes_with_blocks<Dim>(blocks), reached = reached_axes(start);
-  for (int axis = 0; axis < Dim; ++axis)
-    if (reached[axis]) std::fill_n(first_out + static_cast<std::size_t>(axis) * field, field, T(0));
-  for (int axis = 0; axis < Dim; ++axis)
-    if (start[axis])
-      push_faces(axis, blocks[axis], displacement, first + static_cast<std::size_t>(axis) * field, zeroth_out,
-                 first_out);
+  for (std::size_t axis = 0; axis < Dim; ++axis) reached.first[axis].clear(lattice_, Dim, first_out + axis * field);
+  for (std::size_t axis = 0; axis < Dim; ++axis)
+    if (!blocks[axis] || blocks[axis]->sites() > 0)
+      push_faces(sites, static_cast<int>(axis), blocks[axis], first + axis * field, zeroth_out, first_out);
 }
 
 template <int Dim, class T>
-void CoadjointTransport<Dim, T>::push_faces(int axis, const BlockSet<Dim>* blocks, const T* displacement,
+void CoadjointTransport<Dim, T>::push_faces(MovedSites<Dim, T>& sites, int axis, const BlockSet<Dim>* blocks,
                                             const T* first, T* zeroth_out, T* first_out) {
   // Only active faces cost anything: they are listed in the order of their sites.
   const std::size_t field = Dim * lattice_.sites();
@@ -207,7 +195,8 @@ void CoadjointTransport<Dim, T>::push_faces(int axis, const BlockSet<Dim>* block
   for (int slab = 0; slab < lattice_.size[Dim - 1]; ++slab)
     visit_slab_of(blocks, slab, [&](const Index<Dim>& index, std::size_t site) {
       if (is_zero<Dim, T>(first + Dim * site)) return;
-      const Face face(*this, axis, index, site, displacement);
+      Face face(sites, axis, index, site);
+      face.differentiate(sites, axis);
       const Column<Dim, T> n = face.G * load<Dim, T>(first + Dim * site);
       Active active;
       active.at = face.at;
@@ -218,15 +207,16 @@ void CoadjointTransport<Dim, T>::push_faces(int axis, const BlockSet<Dim>* block
     });
   std::vector<Active> elements;
   for (const auto& some : by_slab) elements.insert(elements.end(), some.begin(), some.end());
-  plan_.resize(elements.size());
+  ScatterPlan<Dim, T>& plan = sites.plan();
+  plan.resize(elements.size());
   for (int b = -1; b < Dim; ++b) {
     if (evolution_ != Evolution::Exact && b != axis) continue;  // nothing turns into another order or axis
     for (std::size_t i = 0; i < elements.size(); ++i) {
-      plan_.points()[i] = elements[i].at;
-      if (b >= 0) plan_.points()[i][b] -= T(0.5);
+      plan.points()[i] = elements[i].at;
+      if (b >= 0) plan.points()[i][b] -= T(0.5);
     }
-    plan_.sort(lattice_);
-    plan_.template add<Dim>(
+    plan.sort(lattice_);
+    plan.template add<Dim>(
         [&](std::size_t i, std::array<T, Dim>& out) {
           const T* from = b < 0 ? elements[i].zeroth.data() : elements[i].first.data() + Dim * b;
           std::copy(from, from + Dim, out.begin());
@@ -237,46 +227,28 @@ void CoadjointTransport<Dim, T>::push_faces(int axis, const BlockSet<Dim>* block
 }
 
 template <int Dim, class T>
-void CoadjointTransport<Dim, T>::push_adjoint(const T* displacement, const T* zeroth, const T* first,
-                                              const T* zeroth_out_dual, const T* first_out_dual, T* displacement_dual,
-                                              T* zeroth_dual, T* first_dual, const AxisBlocks<Dim>& blocks) {
-  const std::size_t field = Dim * lattice_.sites();
-  find_jacobians(displacement);
-  std::fill(jacobian_dual_.begin(), jacobian_dual_.end(), T(0));
-  if (has_zeroth_) zeroth_adjoint(displacement, zeroth, zeroth_out_dual, displacement_dual, zeroth_dual);
-  if (has_first_) {
-    const AxisFlags<Dim> axes = axes_with_blocks<Dim>(blocks);
-    for (int axis = 0; axis < Dim; ++axis) {
-      if (!axes[axis]) continue;
-      const std::size_t at = static_cast<std::size_t>(axis) * field;
-      face_adjoint(axis, blocks[axis], displacement, first + at, zeroth_out_dual, first_out_dual, displacement_dual,
-                   first_dual + at);
-    }
+void CoadjointTransport<Dim, T>::push_adjoint(MovedSites<Dim, T>& sites, const T* zeroth, const T* first,
+                                              const AxisBlocks<Dim>& wanted, const T* zeroth_out_dual,
+                                              const T* first_out_dual, T* displacement_dual, T* zeroth_dual,
+                                              T* first_dual) {
+  if (has_zeroth_) zeroth_adjoint(sites, zeroth, zeroth_out_dual, displacement_dual, zeroth_dual);
+  if (!has_first_) return;
+  for (int axis = 0; axis < Dim; ++axis) {
+    if (wanted[axis] && wanted[axis]->sites() == 0) continue;
+    const std::size_t at = static_cast<std::size_t>(axis) * Dim * lattice_.sites();
+    face_adjoint(sites, axis, wanted[axis], first + at, zeroth_out_dual, first_out_dual, displacement_dual,
+                 first_dual + at);
   }
-
-  if (evolution_ == Evolution::Carried) return;
-  for_planes_apart<3>(lattice_.size[Dim - 1], [&](int slab) {
-    visit_slab<Dim>(lattice_, slab, [&](const Index<Dim>& index, std::size_t site) {
-      const T* F_dual = jacobian_dual_.data() + Dim * Dim * site;
-      if (is_zero<Dim * Dim, T>(F_dual)) return;
-      for (int axis = 0; axis < Dim; ++axis) {
-        T column[Dim];
-        for (int row = 0; row < Dim; ++row) column[row] = F_dual[Dim * row + axis];
-        const T scale = static_cast<T>(1 / lattice_.spacing[axis]);
-        SideDifferences<Dim, Dim, T>(lattice_, index, site, stride_[axis], axis, displacement, scale)
-            .adjoint(column, site, stride_[axis], scale, displacement_dual);
-      }
-    });
-  });
 }
 
 template <int Dim, class T>
-void CoadjointTransport<Dim, T>::zeroth_adjoint(const T* displacement, const T* zeroth, const T* dual_field,
+void CoadjointTransport<Dim, T>::zeroth_adjoint(MovedSites<Dim, T>& sites, const T* zeroth, const T* dual_field,
                                                 T* displacement_dual, T* zeroth_dual) {
+  const T* displacement = sites.displacement();
 #pragma omp parallel for schedule(static)
   for (int slab = 0; slab < lattice_.size[Dim - 1]; ++slab)
     visit_slab<Dim>(lattice_, slab, [&](const Index<Dim>& index, std::size_t site) {
-      const Square<Dim, T> G = inverse_jacobian(site).transpose();
+      const Square<Dim, T> G = sites.inverse_jacobian(site).transpose();
       const LinearCell<Dim, T> cell(lattice_, displaced<Dim, T>(lattice_, index, displacement + Dim * site, lattice_));
       const Column<Dim, T> dual = gather<Dim, T>(cell, dual_field), pulled = G.transpose() * dual;
       add_to<Dim, T>(zeroth_dual + Dim * site, pulled);
@@ -287,19 +259,20 @@ void CoadjointTransport<Dim, T>::zeroth_adjoint(const T* displacement, const T* 
         displacement_dual[Dim * site + a] += gradient[a] / static_cast<T>(lattice_.spacing[a]);
       if (evolution_ == Evolution::Carried) return;
       // d G = -G dF^T G, so the dual of F is -G (dual m^T)^T G = -(G m) (G^T dual)^T.
-      add_to<Dim, T>(jacobian_dual_.data() + Dim * Dim * site, Square<Dim, T>(-pushed * pulled.transpose()));
+      add_to<Dim, T>(sites.jacobian_duals() + Dim * Dim * site, Square<Dim, T>(-pushed * pulled.transpose()));
     });
 }
 
 template <int Dim, class T>
-void CoadjointTransport<Dim, T>::face_adjoint(int axis, const BlockSet<Dim>* blocks, const T* displacement,
+void CoadjointTransport<Dim, T>::face_adjoint(MovedSites<Dim, T>& sites, int axis, const BlockSet<Dim>* blocks,
                                               const T* first, const T* zeroth_out_dual, const T* first_out_dual,
                                               T* displacement_dual, T* first_dual) {
   const std::size_t field = Dim * lattice_.sites();
   // A face touches its two sites and, through d_c F, their neighbours: four planes.
   for_planes_apart<4>(lattice_.size[Dim - 1], [&](int slab) {
     visit_slab_of(blocks, slab, [&](const Index<Dim>& where, std::size_t site) {
-      const Face face(*this, axis, where, site, displacement);
+      Face face(sites, axis, where, site);
+      face.differentiate(sites, axis);
       const LinearCell<Dim, T> zeroth_cell(lattice_, face.on(-1));
       const bool exact = evolution_ == Evolution::Exact;
       Column<Dim, T> s_dual = Column<Dim, T>::Zero(), n_dual = Column<Dim, T>::Zero(), dual[Dim];
@@ -337,22 +310,24 @@ void CoadjointTransport<Dim, T>::face_adjoint(int axis, const BlockSet<Dim>* blo
       const Square<Dim, T> dF_dual = static_cast<T>(0.5 / lattice_.spacing[axis]) * unit_ * (n * s_dual.transpose());
       for (int side = 0; side < 2; ++side) {
         const std::size_t beside = face.beside[side];
-        add_to<Dim, T>(jacobian_dual_.data() + Dim * Dim * beside, Square<Dim, T>(T(0.5) * F_dual));
-        SideDifferences<Dim * Dim, Dim, T>(lattice_, face.index[side], beside, stride_[axis], axis, jacobian_.data(),
-                                           T(1))
-            .adjoint(dF_dual.data(), beside, stride_[axis], T(1), jacobian_dual_.data());
+        add_to<Dim, T>(sites.jacobian_duals() + Dim * Dim * beside, Square<Dim, T>(T(0.5) * F_dual));
+        SideDifferences<Dim * Dim, Dim, T>(lattice_, face.index[side], beside, sites.strides()[axis], axis,
+                                           sites.jacobians(), T(1))
+            .adjoint(dF_dual.data(), beside, sites.strides()[axis], T(1), sites.jacobian_duals());
       }
     });
   });
 }
 
 template <int Dim, class T>
-void CoadjointTransport<Dim, T>::pull_back(const T* displacement, const T* field, T scale, T* sum) {
+void CoadjointTransport<Dim, T>::pull_back(const MovedSites<Dim, T>& sites, const T* field, T scale, T* sum) const {
 #pragma omp parallel for schedule(static)
   for (int slab = 0; slab < lattice_.size[Dim - 1]; ++slab)
     visit_slab<Dim>(lattice_, slab, [&](const Index<Dim>& index, std::size_t site) {
-      const LinearCell<Dim, T> cell(lattice_, displaced<Dim, T>(lattice_, index, displacement + Dim * site, lattice_));
-      add_to<Dim, T>(sum + Dim * site, Column<Dim, T>(scale * (inverse_jacobian(site) * gather<Dim, T>(cell, field))));
+      const LinearCell<Dim, T> cell(lattice_,
+                                    displaced<Dim, T>(lattice_, index, sites.displacement() + Dim * site, lattice_));
+      add_to<Dim, T>(sum + Dim * site,
+                     Column<Dim, T>(scale * (sites.inverse_jacobian(site) * gather<Dim, T>(cell, field))));
     });
 }
 

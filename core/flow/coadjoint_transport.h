@@ -1,13 +1,9 @@
 #pragma once
 
 #include "core/flow/evolution.h"
-#include "core/flow/scatter_plan.h"
+#include "core/flow/moved_sites.h"
 #include "core/grid/lattice.h"
 #include "core/momenta/block_set.h"
-
-#include <Eigen/Core>
-
-#include <vector>
 
 namespace saltus {
 
@@ -29,56 +25,48 @@ namespace saltus {
 /// That is evolution `exact`. With `per_order` each m_c only turns with G; with `carried` F is replaced by the
 /// identity.
 ///
-/// Not for concurrent use; threads inside. Results do not depend on the number of threads.
+/// Not for concurrent use; threads inside. Results do not depend on the number of threads. Where the sites are, each
+/// call takes from a MovedSites of the same lattice and evolution that has been moved around all blocks of the call.
 template <int Dim, class T>
 class CoadjointTransport {
  public:
   /// `unit` is MomentumScale::first_order_unit; orders as there.
   CoadjointTransport(const Lattice<Dim>& lattice, double unit, bool has_zeroth, bool has_first, Evolution evolution);
 
-  /// Momenta at time t from those at 0 and the displacement d (mm, interleaved) of the sites since then.
-  /// zeroth_out is always written; first_out when there is a first order. Outside `blocks` (of the start) the first
-  /// orders must be 0 and are not read; fields of first_out that are not in reached_axes stay as they are.
-  void push(const T* displacement, const T* zeroth, const T* first, T* zeroth_out, T* first_out,
-            const AxisBlocks<Dim>& blocks = {});
+  /// Where first orders that start in `blocks`, and order 0, are spread to.
+  MomentumMasks<Dim> reached(const MovedSites<Dim, T>& sites, const AxisBlocks<Dim>& blocks) const;
 
-  /// Axes along which there are first orders later when there are some along those of `start` at the start.
-  AxisFlags<Dim> reached_axes(const AxisFlags<Dim>& start) const;
+  /// Momenta at time t from those at 0. Outside `blocks` (of the start) the first orders must be 0 and are not read;
+  /// outside `reached`, which is that of the same sites and blocks, zeroth_out and first_out are not written.
+  void push(MovedSites<Dim, T>& sites, const T* zeroth, const T* first, const AxisBlocks<Dim>& blocks,
+            const MomentumMasks<Dim>& reached, T* zeroth_out, T* first_out);
 
-  /// Adjoint of push with the same arguments: given the duals of zeroth_out and first_out, adds to displacement_dual,
-  /// zeroth_dual and first_dual, to the last in `blocks` only (outside, first must be 0). Of first_out_dual the fields
-  /// in reached_axes are read.
-  void push_adjoint(const T* displacement, const T* zeroth, const T* first, const T* zeroth_out_dual,
-                    const T* first_out_dual, T* displacement_dual, T* zeroth_dual, T* first_dual,
-                    const AxisBlocks<Dim>& blocks = {});
+  /// Adjoint of push: given the duals of zeroth_out and first_out, of which it reads what `reached` tells for `wanted`,
+  /// adds to displacement_dual, zeroth_dual and first_dual, to the last in `wanted` only (outside, first must be 0),
+  /// and to the duals of the Jacobians, for MovedSites::end_adjoint.
+  void push_adjoint(MovedSites<Dim, T>& sites, const T* zeroth, const T* first, const AxisBlocks<Dim>& wanted,
+                    const T* zeroth_out_dual, const T* first_out_dual, T* displacement_dual, T* zeroth_dual,
+                    T* first_dual);
 
-  /// sum += scale * F^-1 field(phi(x0)) at the sites: the order-0 part of push_adjoint, for another dual field. Uses
-  /// the Jacobians of the last push or push_adjoint, which must have had the same displacement.
-  void pull_back(const T* displacement, const T* field, T scale, T* sum);
+  /// sum += scale * F^-1 field(phi(x0)) at the sites: the order-0 part of push_adjoint, for another dual field.
+  void pull_back(const MovedSites<Dim, T>& sites, const T* field, T scale, T* sum) const;
 
  private:
   struct Face;
-  using Inverse = Eigen::Matrix<T, Dim, Dim, Eigen::RowMajor | Eigen::DontAlign>;
-  Inverse inverse_jacobian(std::size_t site) const;
-  void find_jacobians(const T* displacement);
+  void push_faces(MovedSites<Dim, T>& sites, int axis, const BlockSet<Dim>* blocks, const T* first, T* zeroth_out,
+                  T* first_out);
+  void zeroth_adjoint(MovedSites<Dim, T>& sites, const T* zeroth, const T* dual_field, T* displacement_dual,
+                      T* zeroth_dual);
+  void face_adjoint(MovedSites<Dim, T>& sites, int axis, const BlockSet<Dim>* blocks, const T* first,
+                    const T* zeroth_out_dual, const T* first_out_dual, T* displacement_dual, T* first_dual);
   /// visit(index, site) for the sites of a slab that are in `blocks` (null: all).
   template <class Visit>
   void visit_slab_of(const BlockSet<Dim>* blocks, int slab, Visit&& visit) const;
-  void push_faces(int axis, const BlockSet<Dim>* blocks, const T* displacement, const T* first, T* zeroth_out,
-                  T* first_out);
-  void zeroth_adjoint(const T* displacement, const T* zeroth, const T* dual_field, T* displacement_dual,
-                      T* zeroth_dual);
-  void face_adjoint(int axis, const BlockSet<Dim>* blocks, const T* displacement, const T* first,
-                    const T* zeroth_out_dual, const T* first_out_dual, T* displacement_dual, T* first_dual);
 
   Lattice<Dim> lattice_;
   T unit_;
   Evolution evolution_;
   bool has_zeroth_, has_first_;
-  std::array<std::size_t, Dim> stride_;
-  ScatterPlan<Dim, T> plan_;
-  std::vector<T> jacobian_;  ///< F per site, row-major
-  std::vector<T> jacobian_dual_;
 };
 
 }  // namespace saltus

@@ -1,7 +1,6 @@
 #include "core/flow/geodesic_shooting.h"
 
 #include "core/flow/particle_steps.h"
-#include "core/support/reduction.h"
 
 #include <algorithm>
 
@@ -13,36 +12,58 @@ const T* pointer(const Field<T>& field) {
   return field.empty() ? nullptr : field.data();
 }
 
-template <class T>
-void add_fields(std::size_t count, const T* terms, T* sum) {
-#pragma omp parallel for simd schedule(static)
-  for (std::size_t i = 0; i < count; ++i) sum[i] += terms[i];
-}
-
-template <int Dim>
-AxisBlocks<Dim> blocks_of(const std::vector<AxisBlocks<Dim>>& blocks, std::size_t scale) {
-  return blocks.empty() ? AxisBlocks<Dim>{} : blocks[scale];
+/// sum += terms in the blocks of `where`.
+template <int Dim, class T>
+void add_fields(const Lattice<Dim>& lattice, const BlockMask<Dim>& where, const T* terms, T* sum) {
+  where.for_runs(lattice, [&](std::size_t begin, std::size_t count) {
+    for (std::size_t i = Dim * begin; i < Dim * (begin + count); ++i) sum[i] += terms[i];
+  });
 }
 
 }  // namespace
+
+template <int Dim, class T>
+GeodesicShooting<Dim, T>::SharedLattice::SharedLattice(const Lattice<Dim>& lattice,
+                                                       const Lattice<Dim>& velocity_lattice, Evolution evolution)
+    : lattice(lattice),
+      prolongation(lattice, velocity_lattice, Dim),
+      sites(lattice, evolution),
+      moved(BlockMask<Dim>::all(lattice)),
+      acting(moved) {}
 
 template <int Dim, class T>
 GeodesicShooting<Dim, T>::GeodesicShooting(std::vector<MomentumScale<Dim, T>*> scales,
                                            const Lattice<Dim>& velocity_lattice, int time_steps, Evolution evolution)
     : lattice_(velocity_lattice), time_steps_(time_steps) {
   for (MomentumScale<Dim, T>* scale : scales) {
+    const auto found = std::find_if(lattices_.begin(), lattices_.end(),
+                                    [&](const auto& shared) { return shared->lattice == scale->lattice(); });
+    SharedLattice* same = found == lattices_.end() ? nullptr : found->get();
+    if (!same) {
+      auto shared = std::make_unique<SharedLattice>(scale->lattice(), velocity_lattice, evolution);
+      const std::size_t field = scale->field_size();
+      shared->position.resize(time_steps);
+      shared->predicted.resize(time_steps + 1);
+      for (int k = 1; k <= time_steps; ++k) {
+        if (k < time_steps) shared->position[k].resize(field);
+        shared->predicted[k].resize(field);
+      }
+      for (Field<T>* dual : {&shared->position_dual, &shared->predicted_dual, &shared->through_velocity})
+        dual->resize(field);
+      if (!shared->prolongation.is_identity()) {
+        shared->sum.resize(field);
+        shared->restricted.resize(field);
+      }
+      same = shared.get();
+      lattices_.push_back(std::move(shared));
+    }
     ScaleState state;
     state.scale = scale;
-    state.transport = std::make_unique<CoadjointTransport<Dim, T>>(scale->lattice(), scale->first_order_unit(),
-                                                                   has_zeroth(scale->options().orders),
+    state.shared = same;
+    const bool zeroth = has_zeroth(scale->options().orders);
+    state.shared->moves_everywhere = state.shared->moves_everywhere || zeroth;
+    state.transport = std::make_unique<CoadjointTransport<Dim, T>>(scale->lattice(), scale->first_order_unit(), zeroth,
                                                                    scale->has_first_order(), evolution);
-    state.prolongation = std::make_unique<LatticeInterpolation<Dim, T>>(scale->lattice(), velocity_lattice, Dim);
-    state.position.resize(time_steps);
-    state.predicted.resize(time_steps + 1);
-    for (int k = 1; k <= time_steps; ++k) {
-      if (k < time_steps) state.position[k].resize(scale->field_size());
-      state.predicted[k].resize(scale->field_size());
-    }
     state.zeroth.resize(scale->field_size());
     if (scale->has_first_order()) state.first.resize(Dim * scale->field_size());
     state.velocity.resize(scale->field_size());
@@ -52,47 +73,97 @@ GeodesicShooting<Dim, T>::GeodesicShooting(std::vector<MomentumScale<Dim, T>*> s
 }
 
 template <int Dim, class T>
+AxisBlocks<Dim> GeodesicShooting<Dim, T>::momenta_of(std::size_t scale) const {
+  return blocks_.momenta.empty() ? AxisBlocks<Dim>{} : blocks_.momenta[scale];
+}
+
+template <int Dim, class T>
+AxisBlocks<Dim> GeodesicShooting<Dim, T>::wanted_of(std::size_t scale) const {
+  return blocks_.wanted.empty() ? AxisBlocks<Dim>{} : blocks_.wanted[scale];
+}
+
+/// Where the momenta of a scale are at time 0.
+template <int Dim, class T>
+MomentumMasks<Dim> GeodesicShooting<Dim, T>::at_start(std::size_t scale, const AxisBlocks<Dim>& blocks) const {
+  MomentumMasks<Dim> masks = states_[scale].scale->everywhere();
+  if (states_[scale].scale->has_first_order()) masks.first = masks_of<Dim>(states_[scale].scale->lattice(), blocks);
+  return masks;
+}
+
+/// Faces need the sites up to two samples around them, and those need their neighbours: no more than a block away.
+template <int Dim, class T>
+void GeodesicShooting<Dim, T>::choose_sites() {
+  for (auto& shared : lattices_) {
+    const auto& lattice = shared->lattice;
+    shared->moved = shared->acting =
+        shared->moves_everywhere ? BlockMask<Dim>::all(lattice) : BlockMask<Dim>::none(lattice);
+    for (std::size_t s = 0; s < states_.size() && !shared->moves_everywhere; ++s) {
+      if (states_[s].shared != shared.get()) continue;
+      for (const BlockMask<Dim>& mask : masks_of<Dim>(lattice, momenta_of(s))) shared->acting |= mask;
+      for (const BlockMask<Dim>& mask : masks_of<Dim>(lattice, wanted_of(s))) shared->moved |= mask;
+    }
+    shared->moved |= shared->acting;
+    for (BlockMask<Dim>* mask : {&shared->acting, &shared->moved}) {
+      *mask = mask->with_neighbours();
+      mask->complete_if_dense();
+    }
+  }
+}
+
+/// Adds the velocity of one scale to that of its lattice.
+template <int Dim, class T>
 void GeodesicShooting<Dim, T>::add_velocity(ScaleState& state, const T* zeroth, const T* first,
-                                            const AxisFlags<Dim>& axes, Field<T>& velocity) {
-  state.scale->synthesise(zeroth, first, state.velocity.data(), axes);
-  state.prolongation->add_to(state.velocity.data(), velocity.data());
+                                            const MomentumMasks<Dim>& at, Field<T>& velocity) {
+  if (at.is_empty()) return;
+  const BlockMask<Dim> reached = state.scale->synthesise(zeroth, first, at, state.velocity.data());
+  Field<T>& sum = state.shared->sum.empty() ? velocity : state.shared->sum;
+  add_fields<Dim, T>(state.scale->lattice(), reached, state.velocity.data(), sum.data());
+}
+
+/// Adds what the lattices have gathered, and empties them.
+template <int Dim, class T>
+void GeodesicShooting<Dim, T>::finish_velocity(Field<T>& velocity) {
+  for (auto& shared : lattices_) {
+    if (shared->sum.empty() || shared->acting.is_empty()) continue;
+    shared->prolongation.add_to(shared->sum.data(), velocity.data());
+    std::fill(shared->sum.begin(), shared->sum.end(), T(0));
+  }
 }
 
 template <int Dim, class T>
-void GeodesicShooting<Dim, T>::transported(ScaleState& state, const MomentumPointers<T>& momenta,
-                                           const AxisBlocks<Dim>& blocks, int node) {
-  state.transport->push(state.predicted[node].data(), momenta.zeroth, momenta.first, state.zeroth.data(),
-                        state.first.empty() ? nullptr : state.first.data(), blocks);
-}
-
-template <int Dim, class T>
-void GeodesicShooting<Dim, T>::shoot(const std::vector<MomentumPointers<T>>& momenta,
-                                     const std::vector<AxisBlocks<Dim>>& blocks) {
+void GeodesicShooting<Dim, T>::shoot(const std::vector<MomentumPointers<T>>& momenta, const ActiveBlocks<Dim>& blocks) {
   const T dt = T(1) / static_cast<T>(time_steps_);
+  blocks_ = blocks;
+  choose_sites();
+  for (auto& shared : lattices_) std::fill(shared->sum.begin(), shared->sum.end(), T(0));
   for (Field<T>& velocity : velocities_) std::fill(velocity.begin(), velocity.end(), T(0));
   for (std::size_t s = 0; s < states_.size(); ++s)
-    add_velocity(states_[s], momenta[s].zeroth, momenta[s].first, axes_with_blocks<Dim>(blocks_of<Dim>(blocks, s)),
-                 velocities_[0]);
+    add_velocity(states_[s], momenta[s].zeroth, momenta[s].first, at_start(s, momenta_of(s)), velocities_[0]);
+  finish_velocity(velocities_[0]);
 
   for (int k = 0; k < time_steps_; ++k) {
-    for (ScaleState& state : states_)
-      advance<Dim, T>(state.scale->lattice(), pointer(state.position[k]), pointer(state.position[k]), lattice_,
-                      velocities_[k].data(), dt, state.predicted[k + 1].data());
+    for (auto& shared : lattices_) {
+      advance<Dim, T>(shared->lattice, shared->moved, pointer(shared->position[k]), pointer(shared->position[k]),
+                      lattice_, velocities_[k].data(), dt, shared->predicted[k + 1].data());
+      shared->sites.move(shared->predicted[k + 1].data(), shared->acting);
+    }
     for (std::size_t s = 0; s < states_.size(); ++s) {
       if (poll_) poll_();
       ScaleState& state = states_[s];
-      const AxisBlocks<Dim> start = blocks_of<Dim>(blocks, s);
-      transported(state, momenta[s], start, k + 1);
-      add_velocity(state, state.zeroth.data(), pointer(state.first),
-                   state.transport->reached_axes(axes_with_blocks<Dim>(start)), velocities_[k + 1]);
+      const AxisBlocks<Dim> start = momenta_of(s);
+      const MomentumMasks<Dim> reached = state.transport->reached(state.shared->sites, start);
+      state.transport->push(state.shared->sites, momenta[s].zeroth, momenta[s].first, start, reached,
+                            state.zeroth.data(), state.first.data());
+      add_velocity(state, state.zeroth.data(), pointer(state.first), reached, velocities_[k + 1]);
     }
+    finish_velocity(velocities_[k + 1]);
     if (k + 1 == time_steps_) break;
-    for (ScaleState& state : states_) {
-      const Lattice<Dim>& sites = state.scale->lattice();
-      T* next = state.position[k + 1].data();
-      advance<Dim, T>(sites, pointer(state.position[k]), pointer(state.position[k]), lattice_, velocities_[k].data(),
-                      dt / 2, next);
-      advance<Dim, T>(sites, next, state.predicted[k + 1].data(), lattice_, velocities_[k + 1].data(), dt / 2, next);
+    for (auto& shared : lattices_) {
+      T* next = shared->position[k + 1].data();
+      advance<Dim, T>(shared->lattice, shared->moved, pointer(shared->position[k]), pointer(shared->position[k]),
+                      lattice_, velocities_[k].data(), dt / 2, next);
+      advance<Dim, T>(shared->lattice, shared->moved, next, shared->predicted[k + 1].data(), lattice_,
+                      velocities_[k + 1].data(), dt / 2, next);
     }
   }
 }
@@ -100,11 +171,14 @@ void GeodesicShooting<Dim, T>::shoot(const std::vector<MomentumPointers<T>>& mom
 template <int Dim, class T>
 std::vector<double> GeodesicShooting<Dim, T>::hamiltonians(const std::vector<MomentumPointers<T>>& momenta) {
   std::vector<double> energies(time_steps_ + 1, 0.0);
-  for (std::size_t s = 0; s < states_.size(); ++s) {
-    ScaleState& state = states_[s];
-    energies[0] += state.scale->total_energy(momenta[s].zeroth, momenta[s].first);
-    for (int k = 1; k <= time_steps_; ++k) {
-      transported(state, momenta[s], {}, k);
+  for (std::size_t s = 0; s < states_.size(); ++s)
+    energies[0] += states_[s].scale->total_energy(momenta[s].zeroth, momenta[s].first);
+  for (int k = 1; k <= time_steps_; ++k) {
+    for (auto& shared : lattices_) shared->sites.move(shared->predicted[k].data());
+    for (std::size_t s = 0; s < states_.size(); ++s) {
+      ScaleState& state = states_[s];
+      state.transport->push(state.shared->sites, momenta[s].zeroth, momenta[s].first, {}, state.scale->everywhere(),
+                            state.zeroth.data(), state.first.data());
       energies[k] += state.scale->total_energy(state.zeroth.data(), pointer(state.first));
     }
   }
@@ -115,75 +189,73 @@ template <int Dim, class T>
 void GeodesicShooting<Dim, T>::adjoint(const std::vector<MomentumPointers<T>>& momenta,
                                        std::vector<Field<T>>& velocity_duals,
                                        const std::vector<MomentumTargets<T>>& gradient,
-                                       const std::vector<MomentumTargets<T>>& preconditioned,
-                                       const std::vector<AxisBlocks<Dim>>& blocks) {
+                                       const std::vector<MomentumTargets<T>>& preconditioned) {
   const T dt = T(1) / static_cast<T>(time_steps_);
-  std::vector<Field<T>> position_dual(states_.size()), predicted_dual(states_.size());
-  for (std::size_t s = 0; s < states_.size(); ++s) {
-    position_dual[s].assign(states_[s].scale->field_size(), T(0));
-    predicted_dual[s].assign(states_[s].scale->field_size(), T(0));
-  }
-  Field<T> restricted, zeroth_dual, first_dual;
+  for (auto& shared : lattices_) shared->acting.clear(shared->lattice, Dim, shared->position_dual.data());
 
   for (int k = time_steps_; k >= 0; --k) {
     // Corrector X_k = X_{k-1} + dt/2 (v_{k-1}(X_{k-1}) + v_k(predicted_k)): the part that needs v_k. No X_N exists.
-    for (std::size_t s = 0; s < states_.size() && k > 0; ++s) {
-      ScaleState& state = states_[s];
-      std::fill(predicted_dual[s].begin(), predicted_dual[s].end(), T(0));
+    for (auto& shared : lattices_) {
+      if (k == 0) break;
+      shared->acting.clear(shared->lattice, Dim, shared->predicted_dual.data());
       if (k < time_steps_)
-        advance_adjoint<Dim, T>(state.scale->lattice(), state.predicted[k].data(), lattice_, velocities_[k].data(),
-                                dt / 2, position_dual[s].data(), plan_, velocity_duals[k].data(),
-                                predicted_dual[s].data());
+        advance_adjoint<Dim, T>(shared->lattice, shared->acting, shared->predicted[k].data(), lattice_,
+                                velocities_[k].data(), dt / 2, shared->position_dual.data(), plan_,
+                                velocity_duals[k].data(), shared->predicted_dual.data());
     }
     // v_k is used nowhere else: its dual is complete.
+    for (auto& shared : lattices_) {
+      if (shared->moved.is_empty()) continue;
+      if (!shared->restricted.empty())
+        shared->prolongation.transpose(velocity_duals[k].data(), shared->restricted.data());
+      if (k == 0) continue;
+      shared->sites.move(shared->predicted[k].data(), shared->moved);
+      shared->sites.begin_adjoint(shared->acting);
+    }
     for (std::size_t s = 0; s < states_.size(); ++s) {
       if (poll_) poll_();
       ScaleState& state = states_[s];
-      const bool first_order = state.scale->has_first_order();
-      const double per_volume = 1 / state.scale->lattice().cell_volume();
-      restricted.resize(state.scale->field_size());
-      zeroth_dual.resize(state.scale->field_size());
-      first_dual.resize(first_order ? Dim * state.scale->field_size() : 0);
-      state.prolongation->transpose(velocity_duals[k].data(), restricted.data());
-      const AxisBlocks<Dim> start = blocks_of<Dim>(blocks, s);
-      const AxisFlags<Dim> axes = axes_with_blocks<Dim>(start);
-      state.scale->synthesise_transpose(restricted.data(), zeroth_dual.data(),
-                                        first_order ? first_dual.data() : nullptr,
-                                        k == 0 ? axes : state.transport->reached_axes(axes));
-      if (k == 0) {
-        const std::size_t field = state.scale->field_size();
-        if (gradient[s].zeroth) add_fields(field, zeroth_dual.data(), gradient[s].zeroth);
-        for (std::size_t axis = 0; first_order && axis < Dim; ++axis)
-          if (axes[axis]) add_fields(field, first_dual.data() + axis * field, gradient[s].first + axis * field);
-        if (T* sum = preconditioned[s].zeroth) {
-          const std::size_t count = restricted.size();
-#pragma omp parallel for simd schedule(static)
-          for (std::size_t i = 0; i < count; ++i) sum[i] += static_cast<T>(per_volume) * restricted[i];
-        }
+      SharedLattice& shared = *state.shared;
+      const Lattice<Dim>& lattice = shared.lattice;
+      const AxisBlocks<Dim> wanted = wanted_of(s);
+      const MomentumMasks<Dim> masks = k == 0 ? at_start(s, wanted) : state.transport->reached(shared.sites, wanted);
+      if (masks.is_empty()) continue;
+      const T* velocity_dual = shared.restricted.empty() ? velocity_duals[k].data() : shared.restricted.data();
+      T* first_dual = state.first.empty() ? nullptr : state.first.data();
+      state.scale->synthesise_transpose(velocity_dual, masks, state.zeroth.data(), first_dual);
+      const T per_volume = static_cast<T>(1 / lattice.cell_volume());
+      if (k > 0) {
+        state.transport->push_adjoint(shared.sites, momenta[s].zeroth, momenta[s].first, wanted, state.zeroth.data(),
+                                      first_dual, shared.predicted_dual.data(), gradient[s].zeroth, gradient[s].first);
+        if (preconditioned[s].zeroth)
+          state.transport->pull_back(shared.sites, velocity_dual, per_volume, preconditioned[s].zeroth);
         continue;
       }
-      state.transport->push_adjoint(state.predicted[k].data(), momenta[s].zeroth, momenta[s].first, zeroth_dual.data(),
-                                    first_order ? first_dual.data() : nullptr, predicted_dual[s].data(),
-                                    gradient[s].zeroth, gradient[s].first, start);
-      if (preconditioned[s].zeroth)
-        state.transport->pull_back(state.predicted[k].data(), restricted.data(), static_cast<T>(per_volume),
-                                   preconditioned[s].zeroth);
+      const std::size_t field = state.scale->field_size();
+      if (gradient[s].zeroth) add_fields<Dim, T>(lattice, masks.zeroth, state.zeroth.data(), gradient[s].zeroth);
+      for (std::size_t axis = 0; first_dual && axis < Dim; ++axis)
+        add_fields<Dim, T>(lattice, masks.first[axis], first_dual + axis * field, gradient[s].first + axis * field);
+      if (T* sum = preconditioned[s].zeroth) {
+#pragma omp parallel for simd schedule(static)
+        for (std::size_t i = 0; i < field; ++i) sum[i] += per_volume * velocity_dual[i];
+      }
     }
     if (k == 0) break;
     // What X_{k-1} and v_{k-1}(X_{k-1}) receive from corrector and predictor.
-    for (std::size_t s = 0; s < states_.size(); ++s) {
-      ScaleState& state = states_[s];
-      Field<T>& through_velocity = zeroth_dual;
-      through_velocity.resize(state.scale->field_size());
-      const std::size_t count = state.scale->field_size();
-#pragma omp parallel for simd schedule(static)
-      for (std::size_t i = 0; i < count; ++i) {
-        through_velocity[i] = position_dual[s][i] / 2 + predicted_dual[s][i];
-        position_dual[s][i] += predicted_dual[s][i];
-      }
-      advance_adjoint<Dim, T>(state.scale->lattice(), pointer(state.position[k - 1]), lattice_,
-                              velocities_[k - 1].data(), dt, through_velocity.data(), plan_,
-                              velocity_duals[k - 1].data(), position_dual[s].data());
+    for (auto& shared : lattices_) {
+      shared->sites.end_adjoint(shared->acting, shared->predicted_dual.data());
+      T* position_dual = shared->position_dual.data();
+      T* through_velocity = shared->through_velocity.data();
+      const T* predicted_dual = shared->predicted_dual.data();
+      shared->acting.for_runs(shared->lattice, [&](std::size_t begin, std::size_t count) {
+        for (std::size_t i = Dim * begin; i < Dim * (begin + count); ++i) {
+          through_velocity[i] = position_dual[i] / 2 + predicted_dual[i];
+          position_dual[i] += predicted_dual[i];
+        }
+      });
+      advance_adjoint<Dim, T>(shared->lattice, shared->acting, pointer(shared->position[k - 1]), lattice_,
+                              velocities_[k - 1].data(), dt, through_velocity, plan_, velocity_duals[k - 1].data(),
+                              position_dual);
     }
   }
 }

@@ -1,6 +1,7 @@
 #pragma once
 
 #include "core/flow/coadjoint_transport.h"
+#include "core/flow/moved_sites.h"
 #include "core/flow/scatter_plan.h"
 #include "core/grid/resampling.h"
 #include "core/momenta/momentum_scale.h"
@@ -23,12 +24,20 @@ struct MomentumTargets {
   T* first = nullptr;
 };
 
+/// What counts of the first orders, by scale; empty: all of all.
+template <int Dim>
+struct ActiveBlocks {
+  std::vector<AxisBlocks<Dim>> momenta;  ///< outside, momenta are 0 and not read
+  std::vector<AxisBlocks<Dim>> wanted;   ///< the gradient is made in these, which hold those of the momenta
+};
+
 /// The geodesic that starts with given momenta, and its exact discrete adjoint.
 ///
 /// Time is cut into `time_steps` equal steps. Momenta are transported in closed form (coadjoint_transport.h), each
 /// scale by its own sites; v(t_k) is the sum over scales on the velocity lattice. Sites move with Heun's rule: the
-/// velocity of the next node is made from the predicted positions, so one synthesis a step gives second order.
-/// Memory: (time_steps + 1) velocity fields, 2 time_steps displacement fields for each scale.
+/// velocity of the next node is made from the predicted positions, so one synthesis a step gives second order. Scales
+/// on one lattice share its sites; where none of them has an order 0, only sites around active blocks move.
+/// Memory: (time_steps + 1) velocity fields, 2 time_steps displacement fields for each lattice.
 template <int Dim, class T>
 class GeodesicShooting {
  public:
@@ -42,41 +51,59 @@ class GeodesicShooting {
   int time_steps() const { return time_steps_; }
   const Lattice<Dim>& velocity_lattice() const { return lattice_; }
 
-  /// Fills the velocities of all nodes. `blocks`, by scale (empty: all sites of all): outside them the first orders
-  /// must be 0, and are left out of transport.
-  void shoot(const std::vector<MomentumPointers<T>>& momenta, const std::vector<AxisBlocks<Dim>>& blocks = {});
+  /// Fills the velocities of all nodes. `blocks` must live until the adjoint is done.
+  void shoot(const std::vector<MomentumPointers<T>>& momenta, const ActiveBlocks<Dim>& blocks = {});
 
   /// v(t_k), k = 0..time_steps, interleaved, mm per unit time.
   const std::vector<Field<T>>& velocities() const { return velocities_; }
 
-  /// Sum over scales of 1/2 (rho | K rho) of the transported momenta at every node of the last shoot. With one scale it
-  /// is the Hamiltonian and conserved; with several kernels each momentum goes its own way and it need not be.
+  /// Sum over scales of 1/2 (rho | K rho) of the transported momenta at every node of the last shoot, which must have
+  /// been of all blocks. With one scale it is the Hamiltonian and conserved; with several kernels each momentum goes
+  /// its own way and it need not be.
   std::vector<double> hamiltonians(const std::vector<MomentumPointers<T>>& momenta);
 
-  /// Adjoint of the last shoot. `velocity_duals` (dE/dv(t_k), modified) -> adds dE/dm to `gradient`; and adds to
-  /// `preconditioned` (order 0 only) the same force without the outer kernel and cell volume: the V-gradient, with
-  /// gradient = a_0 V K * preconditioned up to discretisation. `blocks` as for shoot: the gradient of first orders is
-  /// complete inside them only.
+  /// Adjoint of the last shoot and its blocks. `velocity_duals` (dE/dv(t_k), modified) -> adds dE/dm to `gradient`; and
+  /// adds to `preconditioned` (order 0 only) the same force without the outer kernel and cell volume: the V-gradient,
+  /// with gradient = a_0 V K * preconditioned up to discretisation.
   void adjoint(const std::vector<MomentumPointers<T>>& momenta, std::vector<Field<T>>& velocity_duals,
-               const std::vector<MomentumTargets<T>>& gradient, const std::vector<MomentumTargets<T>>& preconditioned,
-               const std::vector<AxisBlocks<Dim>>& blocks = {});
+               const std::vector<MomentumTargets<T>>& gradient, const std::vector<MomentumTargets<T>>& preconditioned);
 
  private:
+  /// What scales on one lattice have in common.
+  struct SharedLattice {
+    explicit SharedLattice(const Lattice<Dim>& lattice, const Lattice<Dim>& velocity_lattice, Evolution evolution);
+    Lattice<Dim> lattice;
+    bool moves_everywhere = false;  ///< a scale has an order 0
+    LatticeInterpolation<Dim, T> prolongation;
+    MovedSites<Dim, T> sites;
+    std::vector<Field<T>> position;   ///< displacement of the sites at node k = 0..N-1; [0] empty, meaning 0
+    std::vector<Field<T>> predicted;  ///< at node k = 1..N; [0] empty
+    BlockMask<Dim> moved;             ///< where sites have to be known
+    BlockMask<Dim> acting;            ///< where sites can have an influence on the velocity
+    Field<T> sum;                     ///< velocity of all its scales; of no use where prolongation is the identity
+    Field<T> position_dual, predicted_dual, through_velocity;
+    Field<T> restricted;  ///< as sum
+  };
   struct ScaleState {
     MomentumScale<Dim, T>* scale;
+    SharedLattice* shared;
     std::unique_ptr<CoadjointTransport<Dim, T>> transport;
-    std::unique_ptr<LatticeInterpolation<Dim, T>> prolongation;
-    std::vector<Field<T>> position;    ///< displacement of the sites at node k = 0..N-1; [0] empty, meaning 0
-    std::vector<Field<T>> predicted;   ///< at node k = 1..N; [0] empty
-    Field<T> zeroth, first, velocity;  ///< transported momenta and their velocity on the scale's lattice
+    Field<T> zeroth, first, velocity;  ///< transported momenta (later their duals) and their velocity
   };
-  void add_velocity(ScaleState& state, const T* zeroth, const T* first, const AxisFlags<Dim>& axes, Field<T>& velocity);
-  void transported(ScaleState& state, const MomentumPointers<T>& momenta, const AxisBlocks<Dim>& blocks, int node);
+  AxisBlocks<Dim> momenta_of(std::size_t scale) const;
+  AxisBlocks<Dim> wanted_of(std::size_t scale) const;
+  MomentumMasks<Dim> at_start(std::size_t scale, const AxisBlocks<Dim>& blocks) const;
+  void add_velocity(ScaleState& state, const T* zeroth, const T* first, const MomentumMasks<Dim>& at,
+                    Field<T>& velocity);
+  void finish_velocity(Field<T>& velocity);
+  void choose_sites();
 
   Lattice<Dim> lattice_;
   int time_steps_;
+  std::vector<std::unique_ptr<SharedLattice>> lattices_;
   std::vector<ScaleState> states_;
   std::vector<Field<T>> velocities_;
+  ActiveBlocks<Dim> blocks_;
   ScatterPlan<Dim, T> plan_;
   std::function<void()> poll_;
 };

@@ -1,7 +1,9 @@
 #pragma once
 
+#include "core/grid/block_mask.h"
 #include "core/grid/interpolation.h"
 
+#include <algorithm>
 #include <cstdint>
 #include <vector>
 
@@ -25,17 +27,40 @@ class ScatterPlan {
   void resize(std::size_t count) { points_.resize(count); }
   std::vector<Point>& points() { return points_; }
 
-  /// Points are the sites of `from` with a displacement (mm, interleaved; null for none).
-  void place_sites(const Lattice<Dim>& from, const T* displacement, const Lattice<Dim>& target) {
-    resize(from.sites());
+  /// Points are the sites of `from` that lie in `where`, in their order, with a displacement (mm, interleaved; null for
+  /// none).
+  void place_sites(const Lattice<Dim>& from, const BlockMask<Dim>& where, const T* displacement,
+                   const Lattice<Dim>& target) {
+    const int slabs = from.size[Dim - 1];
+    sites_.clear();
+    if (where.is_all()) {
+      resize(from.sites());
+    } else {
+      for (int slab = 0; slab < slabs; ++slab)
+        where.visit_sites(from, slab, [&](const Index<Dim>&, std::size_t site) {
+          sites_.push_back(static_cast<std::uint32_t>(site));
+        });
+      resize(sites_.size());
+    }
+    const std::size_t plane = from.sites() / static_cast<std::size_t>(slabs);
 #pragma omp parallel for schedule(static)
-    for (int slab = 0; slab < from.size[Dim - 1]; ++slab)
-      visit_slab<Dim>(from, slab, [&](const Index<Dim>& index, std::size_t site) {
+    for (int slab = 0; slab < slabs; ++slab) {
+      std::size_t point = static_cast<std::size_t>(slab) * plane;
+      if (!where.is_all())
+        point = static_cast<std::size_t>(std::lower_bound(sites_.begin(), sites_.end(), point) - sites_.begin());
+      where.visit_sites(from, slab, [&](const Index<Dim>& index, std::size_t site) {
         static constexpr T none[Dim] = {};
-        points_[site] = displaced<Dim, T>(from, index, displacement ? displacement + Dim * site : none, target);
+        points_[point++] = displaced<Dim, T>(from, index, displacement ? displacement + Dim * site : none, target);
       });
+    }
     sort(target);
   }
+  void place_sites(const Lattice<Dim>& from, const T* displacement, const Lattice<Dim>& target) {
+    place_sites(from, BlockMask<Dim>::all(from), displacement, target);
+  }
+  /// Of which site a point is, after place_sites.
+  std::size_t site(std::size_t point) const { return sites_.empty() ? point : sites_[point]; }
+  std::size_t size() const { return points_.size(); }
 
   void sort(const Lattice<Dim>& target) {
     target_ = target;
@@ -91,7 +116,7 @@ class ScatterPlan {
   Lattice<Dim> target_;
   std::vector<Point> points_;
   std::vector<int> plane_of_;
-  std::vector<std::uint32_t> order_, start_, next_;
+  std::vector<std::uint32_t> order_, start_, next_, sites_;
 };
 
 }  // namespace saltus

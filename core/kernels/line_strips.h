@@ -112,21 +112,21 @@ void for_line_strips(const Lattice<Dim>& lattice, int channels, int axis, int ra
   }
 }
 
-/// target row i += sum over (t, tap) of tap * source row i - t, over a strip.
-template <class T, class Taps>
+/// target row i += sum over (t, tap) of tap * source row i - t, over rows of `Lanes` values.
+template <int Lanes, class T, class Taps>
 inline void add_taps(const Taps& taps, int count, const T* source, T* target) {
   for (int i = 0; i < count; ++i) {
-    T sum[kLanes<T>];
-    T* out = target + i * kLanes<T>;
-    for (int lane = 0; lane < kLanes<T>; ++lane) sum[lane] = out[lane];
+    T sum[Lanes];
+    T* out = target + i * Lanes;
+    for (int lane = 0; lane < Lanes; ++lane) sum[lane] = out[lane];
     for (const auto& [t, tap] : taps) {
       if (i - t < 0 || i - t >= count) continue;
       const T w = tap;
-      const T* row = source + (i - t) * kLanes<T>;
+      const T* row = source + (i - t) * Lanes;
 #pragma omp simd
-      for (int lane = 0; lane < kLanes<T>; ++lane) sum[lane] += w * row[lane];
+      for (int lane = 0; lane < Lanes; ++lane) sum[lane] += w * row[lane];
     }
-    for (int lane = 0; lane < kLanes<T>; ++lane) out[lane] = sum[lane];
+    for (int lane = 0; lane < Lanes; ++lane) out[lane] = sum[lane];
   }
 }
 

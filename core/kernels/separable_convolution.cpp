@@ -1,5 +1,6 @@
 #include "core/kernels/separable_convolution.h"
 
+#include "core/kernels/block_columns.h"
 #include "core/kernels/line_strips.h"
 #include "core/kernels/sliding_moments.h"
 
@@ -12,6 +13,14 @@ namespace {
 constexpr int kShortestRun[3] = {5, 4, 6};
 
 template <class T>
+std::vector<std::pair<int, T>> numbered(const std::vector<T>& taps) {
+  const int radius = static_cast<int>(taps.size() / 2);
+  std::vector<std::pair<int, T>> result;
+  for (int t = -radius; t <= radius; ++t) result.push_back({t, taps[static_cast<std::size_t>(t + radius)]});
+  return result;
+}
+
+template <class T>
 bool uses_moments(const AxisTaps<T>& taps) {
   if (!taps.has_runs() || taps.method == ConvolutionMethod::Direct) return false;
   return taps.method == ConvolutionMethod::Moments || taps.length >= kShortestRun[taps.degree];
@@ -22,11 +31,10 @@ bool uses_moments(const AxisTaps<T>& taps) {
 template <int Dim, class T>
 void convolve_axis(const Lattice<Dim>& lattice, int channels, int axis, const std::vector<T>& taps, Combine combine,
                    const T* in, T* out) {
-  const int radius = static_cast<int>(taps.size() / 2);
-  std::vector<std::pair<int, T>> numbered;
-  for (int t = -radius; t <= radius; ++t) numbered.push_back({t, taps[static_cast<std::size_t>(t + radius)]});
-  for_line_strips<Dim, T>(lattice, channels, axis, radius, combine, in, out,
-                          [&](int count, const T* source, T* target) { add_taps(numbered, count, source, target); });
+  const auto rows = numbered(taps);
+  for_line_strips<Dim, T>(
+      lattice, channels, axis, static_cast<int>(taps.size() / 2), combine, in, out,
+      [&](int count, const T* source, T* target) { add_taps<kLanes<T>>(rows, count, source, target); });
 }
 
 template <int Dim, class T>
@@ -38,9 +46,28 @@ void convolve_axis(const Lattice<Dim>& lattice, int channels, int axis, const Ax
     convolve_axis<Dim, T>(lattice, channels, axis, taps.direct, combine, in, out);
 }
 
+template <int Dim, class T>
+void convolve_axis(const Lattice<Dim>& lattice, int axis, const AxisTaps<T>& taps, Combine combine,
+                   const BlockMask<Dim>& in_at, const T* in, const BlockMask<Dim>& out_at, T* out) {
+  if (in_at.is_all() && out_at.is_all()) return convolve_axis<Dim, T>(lattice, Dim, axis, taps, combine, in, out);
+  if (out_at.is_empty()) return;
+  if (uses_moments(taps)) {
+    for_block_columns<Dim, T>(
+        lattice, axis, taps.radius(), combine, in_at, in, out_at, out,
+        [&](int count, const T* source, T* target) { add_by_moments<kColumnLanes<Dim>>(taps, count, source, target); });
+  } else {
+    const auto rows = numbered(taps.direct);
+    for_block_columns<Dim, T>(
+        lattice, axis, taps.radius(), combine, in_at, in, out_at, out,
+        [&](int count, const T* source, T* target) { add_taps<kColumnLanes<Dim>>(rows, count, source, target); });
+  }
+}
+
 #define SALTUS_CONVOLVE(DIM, T)                                                                                     \
   template void convolve_axis<DIM, T>(const Lattice<DIM>&, int, int, const std::vector<T>&, Combine, const T*, T*); \
-  template void convolve_axis<DIM, T>(const Lattice<DIM>&, int, int, const AxisTaps<T>&, Combine, const T*, T*);
+  template void convolve_axis<DIM, T>(const Lattice<DIM>&, int, int, const AxisTaps<T>&, Combine, const T*, T*);    \
+  template void convolve_axis<DIM, T>(const Lattice<DIM>&, int, const AxisTaps<T>&, Combine, const BlockMask<DIM>&, \
+                                      const T*, const BlockMask<DIM>&, T*);
 SALTUS_CONVOLVE(2, float)
 SALTUS_CONVOLVE(3, float)
 SALTUS_CONVOLVE(2, double)

@@ -1,5 +1,6 @@
 #pragma once
 
+#include "core/grid/block_mask.h"
 #include "core/grid/lattice.h"
 #include "core/kernels/axis_taps.h"
 
@@ -19,5 +20,12 @@ void convolve_axis(const Lattice<Dim>& lattice, int channels, int axis, const st
 template <int Dim, class T>
 void convolve_axis(const Lattice<Dim>& lattice, int channels, int axis, const AxisTaps<T>& taps, Combine combine,
                    const T* in, T* out);
+
+/// The same for fields with Dim channels that are worth something in blocks only: `in` is 0 outside `in_at`, whatever
+/// stands there, and `out` is written in `out_at` only. Costs what is in the masks. Everything the row makes of `in`
+/// need not be in `out_at`; with all blocks in both this is the call above.
+template <int Dim, class T>
+void convolve_axis(const Lattice<Dim>& lattice, int axis, const AxisTaps<T>& taps, Combine combine,
+                   const BlockMask<Dim>& in_at, const T* in, const BlockMask<Dim>& out_at, T* out);
 
 }  // namespace saltus

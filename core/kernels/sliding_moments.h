@@ -22,4 +22,8 @@ template <int Dim, class T>
 void convolve_axis_by_moments(const Lattice<Dim>& lattice, int channels, int axis, const AxisTaps<T>& taps,
                               Combine combine, const T* in, T* out);
 
+/// The same for `count` rows of `Lanes` values each: adds to `out`. For kLanes<T> and kColumnLanes<Dim>.
+template <int Lanes, class T>
+void add_by_moments(const AxisTaps<T>& taps, int count, const T* in, T* out);
+
 }  // namespace saltus

@@ -16,7 +16,10 @@ BlockSet<Dim> BlockSet<Dim>::all(const Lattice<Dim>& lattice) {
 
 template <int Dim>
 BlockSet<Dim>::BlockSet(const Lattice<Dim>& lattice, std::vector<std::uint32_t> active)
-    : size_(lattice.size), all_sites_(lattice.sites()), active_(std::move(active)) {
+    : size_(lattice.size),
+      all_sites_(lattice.sites()),
+      active_(std::move(active)),
+      mask_(BlockMask<Dim>::none(lattice)) {
   for (int axis = 0; axis < Dim; ++axis) blocks_ *= blocks_along(axis);
   for (std::size_t k = 0; k < active_.size(); ++k) {
     if (active_[k] >= blocks_)
@@ -26,6 +29,11 @@ BlockSet<Dim>::BlockSet(const Lattice<Dim>& lattice, std::vector<std::uint32_t> 
       throw InvalidInput("the active blocks name block " + std::to_string(active_[k]) + " after block " +
                          std::to_string(active_[k - 1]) + "; give each block once, in rising order");
   }
+
+  if (is_complete())
+    mask_ = BlockMask<Dim>::all(lattice);
+  else
+    for (std::uint32_t block : active_) mask_.mark(block);
 
   // Blocks of one row of blocks follow each other in active_; each such group is cut by all rows of sites through it.
   const std::size_t across = blocks_along(0), width = static_cast<std::size_t>(size_[0]);
@@ -63,6 +71,12 @@ void BlockSet<Dim>::scatter(int channels, const T* compact, T* dense) const {
 #pragma omp parallel for simd schedule(static)
     for (std::size_t i = 0; i < count; ++i) dense[i] = T(0);
   }
+  scatter_within(channels, compact, dense);
+}
+
+template <int Dim>
+template <class T>
+void BlockSet<Dim>::scatter_within(int channels, const T* compact, T* dense) const {
 #pragma omp parallel for schedule(static)
   for (const Run& run : runs_)
     std::copy_n(compact + channels * run.at, channels * run.count, dense + channels * run.site);
@@ -105,6 +119,7 @@ template class BlockSet<3>;
 #define SALTUS_INSTANTIATE(DIM, T)                                                    \
   template void BlockSet<DIM>::gather(int, const T*, T*) const;                       \
   template void BlockSet<DIM>::scatter(int, const T*, T*) const;                      \
+  template void BlockSet<DIM>::scatter_within(int, const T*, T*) const;               \
   template void BlockSet<DIM>::gather_from(const BlockSet&, int, const T*, T*) const; \
   template void BlockSet<DIM>::mark_nonzero(int, const T*, std::vector<char>&) const
 SALTUS_INSTANTIATE(2, float);

@@ -1,5 +1,6 @@
 #pragma once
 
+#include "core/grid/block_mask.h"
 #include "core/grid/lattice.h"
 
 #include <algorithm>
@@ -9,14 +10,13 @@
 
 namespace saltus {
 
-/// Some of the blocks that a lattice is cut into: 4 sites along every axis, fewer at the upper border. Blocks are
-/// numbered as sites are, x fastest. A *dense* field has values for all sites, a *compact* one for the sites of active
-/// blocks only, in the order of the lattice (x fastest, over all active blocks), so that with all blocks active the two
-/// are the same. Both are interleaved, with `channels` values a site.
+/// Some of the blocks that a lattice is cut into (block_mask.h), to last. A *dense* field has values for all sites, a
+/// *compact* one for the sites of active blocks only, in the order of the lattice (x fastest, over all active blocks),
+/// so that with all blocks active the two are the same. Both are interleaved, with `channels` values a site.
 template <int Dim>
 class BlockSet {
  public:
-  static constexpr int kEdge = 4;
+  static constexpr int kEdge = kBlockEdge;
 
   /// All blocks of the lattice, or none of them.
   static BlockSet all(const Lattice<Dim>& lattice);
@@ -27,6 +27,7 @@ class BlockSet {
 
   std::size_t blocks() const { return blocks_; }  ///< that there are, active or not
   const std::vector<std::uint32_t>& active() const { return active_; }
+  const BlockMask<Dim>& mask() const { return mask_; }
   bool is_complete() const { return active_.size() == blocks_; }
   std::size_t sites() const { return sites_; }          ///< of the active blocks
   std::size_t all_sites() const { return all_sites_; }  ///< of the lattice
@@ -37,6 +38,9 @@ class BlockSet {
   /// Compact -> dense; all other sites become 0.
   template <class T>
   void scatter(int channels, const T* compact, T* dense) const;
+  /// The same, and all other sites stay as they are.
+  template <class T>
+  void scatter_within(int channels, const T* compact, T* dense) const;
   /// compact of `from` -> compact of this set, of the same lattice; sites that `from` does not have become 0.
   template <class T>
   void gather_from(const BlockSet& from, int channels, const T* theirs, T* compact) const;
@@ -95,34 +99,22 @@ class BlockSet {
   Index<Dim> size_;
   std::size_t blocks_ = 1, sites_ = 0, all_sites_ = 1;
   std::vector<std::uint32_t> active_;
+  BlockMask<Dim> mask_;
   std::vector<Run> runs_;
 };
 
 /// The blocks of each first-order field m_i that count, by axis i; null: the whole field.
 template <int Dim>
 using AxisBlocks = std::array<const BlockSet<Dim>*, Dim>;
-/// Which first-order fields count, by axis.
-template <int Dim>
-using AxisFlags = std::array<bool, Dim>;
 
+/// Their masks; `lattice` is the one of the fields.
 template <int Dim>
-AxisFlags<Dim> all_axes() {
-  AxisFlags<Dim> flags;
-  flags.fill(true);
-  return flags;
-}
-
-/// The fields of which anything counts.
-template <int Dim>
-AxisFlags<Dim> axes_with_blocks(const AxisBlocks<Dim>& blocks) {
-  AxisFlags<Dim> flags;
-  for (int axis = 0; axis < Dim; ++axis) flags[axis] = !blocks[axis] || blocks[axis]->sites() > 0;
-  return flags;
-}
-
-template <int Dim>
-bool any_axis(const AxisFlags<Dim>& flags) {
-  return std::any_of(flags.begin(), flags.end(), [](bool flag) { return flag; });
+std::array<BlockMask<Dim>, Dim> masks_of(const Lattice<Dim>& lattice, const AxisBlocks<Dim>& blocks) {
+  const auto mask = [&](int axis) { return blocks[axis] ? blocks[axis]->mask() : BlockMask<Dim>::all(lattice); };
+  if constexpr (Dim == 2)
+    return {mask(0), mask(1)};
+  else
+    return {mask(0), mask(1), mask(2)};
 }
 
 }  // namespace saltus

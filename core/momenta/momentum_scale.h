@@ -1,5 +1,6 @@
 #pragma once
 
+#include "core/grid/block_mask.h"
 #include "core/grid/lattice.h"
 #include "core/kernels/axis_taps.h"
 #include "core/kernels/kernel_sum.h"
@@ -55,18 +56,29 @@ class MomentumScale {
   /// a_0 (a_1 where there is no order 0): the factor of the order-0 channel.
   double channel_weight() const { return channel_weight_; }
 
-  /// velocity = (from order 0) + (from order 1). `first` holds Dim fields one after the other, or is null; those not in
-  /// `axes` count as 0 and are not read. 3 passes in 3-D for order 0 alone, 9 with order 1.
-  void synthesise(const T* zeroth, const T* first, T* velocity, const AxisFlags<Dim>& axes = all_axes<Dim>());
-  /// Exact transpose of synthesise. `first` may be null when it is not wanted; its fields not in `axes` stay as they
-  /// are.
-  void synthesise_transpose(const T* velocity, T* zeroth, T* first, const AxisFlags<Dim>& axes = all_axes<Dim>());
+  /// All fields in all blocks, as far as the scale has them.
+  MomentumMasks<Dim> everywhere() const;
+
+  /// velocity = (from order 0) + (from order 1). `first` holds Dim fields one after the other; either may be null.
+  /// Momenta are 0 outside `at`; velocity is written where they reach, and that is returned. 3 passes in 3-D for order
+  /// 0 alone, 9 with order 1, each over the blocks that it can reach.
+  BlockMask<Dim> synthesise(const T* zeroth, const T* first, const MomentumMasks<Dim>& at, T* velocity);
+  void synthesise(const T* zeroth, const T* first, T* velocity) { synthesise(zeroth, first, everywhere(), velocity); }
+  /// Exact transpose of synthesise, worth something in `wanted` only. `zeroth` is scratch as well and never null;
+  /// `first` may be null.
+  void synthesise_transpose(const T* velocity, const MomentumMasks<Dim>& wanted, T* zeroth, T* first);
+  void synthesise_transpose(const T* velocity, T* zeroth, T* first) {
+    synthesise_transpose(velocity, everywhere(), zeroth, first);
+  }
 
   /// weights * gram: a_0 V K m_0 and a_1 V (-sigma^2 D^i D^i K) m_i with V the cell volume, the gradient of the penalty
-  /// 1/2 sum_i ||v_i||^2. Returns that penalty. First orders not in `axes` count as 0; their gradients stay as they
-  /// are.
-  double penalty(const T* zeroth, const T* first, T* zeroth_gradient, T* first_gradient,
-                 const AxisFlags<Dim>& axes = all_axes<Dim>());
+  /// 1/2 sum_i ||v_i||^2. Returns that penalty. Momenta are 0 outside `at`; gradients are written in `wanted`, which
+  /// has to hold `at`.
+  double penalty(const T* zeroth, const T* first, const MomentumMasks<Dim>& at, const MomentumMasks<Dim>& wanted,
+                 T* zeroth_gradient, T* first_gradient);
+  double penalty(const T* zeroth, const T* first, T* zeroth_gradient, T* first_gradient) {
+    return penalty(zeroth, first, everywhere(), everywhere(), zeroth_gradient, first_gradient);
+  }
 
   /// 1/2 (rho | K rho) for the total element rho = m_0 + unit sum_b d_b m_b, cross terms between the orders included.
   double total_energy(const T* zeroth, const T* first);
@@ -81,13 +93,20 @@ class MomentumScale {
     Rows(const KernelTaps& taps, double share, double unit, double ratio);
   };
   using Component = std::vector<Rows>;  ///< by axis
-  const T* smooth_axes_above(const Component& rows, int axis, const T* in);
+  /// A field and where it is worth anything.
+  struct Part {
+    const T* values;
+    BlockMask<Dim> at;
+  };
+  Part smooth_axes_above(const Component& rows, int axis, Part part);
+  BlockMask<Dim> reach(const BlockMask<Dim>& mask, int axis) const { return mask.dilated(axis, radius_[axis]); }
 
   MomentumScaleOptions<Dim> options_;
   double first_order_unit_, channel_weight_;
   std::vector<Component> components_;
   std::array<double, Dim> curvature_at_zero_;
-  std::vector<T> scratch_[4];  ///< the last one only where several components add up
+  std::array<int, Dim> radius_{};  ///< of the longest row of taps along each axis
+  std::vector<T> scratch_[4];      ///< the last one only where several components add up
 };
 
 }  // namespace saltus

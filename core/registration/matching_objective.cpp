@@ -89,6 +89,7 @@ void MatchingObjective<Dim, T>::lay_out() {
       sparsity_[r].begin = size_;
       sparsity_[r].end = size_ += Dim * blocks_[r].sites();
     }
+    first_[s].momentum.clear();
   }
 }
 
@@ -128,10 +129,11 @@ const T* MatchingObjective<Dim, T>::all_sites(std::size_t scale, const std::vect
   FirstOrder& first = first_[scale];
   if (has_all_blocks(first)) return x.data() + sparsity_[first.range].begin;
   const std::size_t count = scales_[scale]->field_size();
-  first.momentum.resize(first.fields * count);
+  if (first.momentum.empty()) first.momentum.assign(first.fields * count, T(0));
+  // Outside the active blocks it stays 0 from one x to the next; lay_out empties it when blocks change.
   for (int field = 0; field < first.fields; ++field)
-    blocks_[first.range + field].scatter(Dim, x.data() + sparsity_[first.range + field].begin,
-                                         first.momentum.data() + field * count);
+    blocks_[first.range + field].scatter_within(Dim, x.data() + sparsity_[first.range + field].begin,
+                                                first.momentum.data() + field * count);
   return first.momentum.data();
 }
 
@@ -372,15 +374,20 @@ Evaluation MatchingObjective<Dim, T>::evaluate(const std::vector<T>& x, std::vec
 
   // The penalty's gradient is a V K m, so its preconditioned form is m itself.
   parts_ = {};
-  const std::vector<AxisBlocks<Dim>> active = axis_blocks();
-  const std::vector<AxisBlocks<Dim>> wanted = looks_everywhere_ ? std::vector<AxisBlocks<Dim>>(active.size()) : active;
+  ActiveBlocks<Dim> blocks{axis_blocks(), axis_blocks()};
+  if (looks_everywhere_) blocks.wanted.assign(scales_.size(), {});
   for (std::size_t s = 0; s < scales_.size(); ++s) {
-    parts_.regularisation += scales_[s]->penalty(momenta[s].zeroth, momenta[s].first, gradients[s].zeroth,
-                                                 gradients[s].first, axes_with_blocks<Dim>(wanted[s]));
+    MomentumMasks<Dim> at = scales_[s]->everywhere(), wanted = at;
+    if (first_[s].fields > 0) {
+      at.first = masks_of<Dim>(scales_[s]->lattice(), blocks.momenta[s]);
+      wanted.first = masks_of<Dim>(scales_[s]->lattice(), blocks.wanted[s]);
+    }
+    parts_.regularisation +=
+        scales_[s]->penalty(momenta[s].zeroth, momenta[s].first, at, wanted, gradients[s].zeroth, gradients[s].first);
     if (momenta[s].zeroth) std::copy_n(momenta[s].zeroth, scales_[s]->field_size(), scaled[s].zeroth);
   }
 
-  shooting_.shoot(momenta, active);
+  shooting_.shoot(momenta, blocks);
   const Field<T>& displacement = map_.follow(shooting_.velocities());
   const bool moving_weights = !level_.moving_weights.samples.empty();
   warp_level<Dim, T>(level_, displacement, warped_, weights_);
@@ -410,7 +417,7 @@ Evaluation MatchingObjective<Dim, T>::evaluate(const std::vector<T>& x, std::vec
                                          level_.divergence_weight * share, velocity_duals_[k].data());
     }
   map_.adjoint(shooting_.velocities(), displacement_dual_, velocity_duals_);
-  shooting_.adjoint(momenta, velocity_duals_, gradients, scaled, wanted);
+  shooting_.adjoint(momenta, velocity_duals_, gradients, scaled);
   finish_gradient(gradient, preconditioned);
   const double energy = parts_.similarity + parts_.regularisation;
   return {energy, std::isfinite(energy)};

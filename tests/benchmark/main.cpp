@@ -8,6 +8,7 @@
 #include <iostream>
 #include <nlohmann/json.hpp>
 
+#include "tests/benchmark/block_costs.h"
 #include "tests/benchmark/hard_cases.h"
 #include "tests/benchmark/slip_table.h"
 
@@ -54,6 +55,9 @@ int main(int argument_count, char** arguments) {
       [&] { exit_code = finish(hard_case_columns(), hard_case_rows(is_quick, only, std::cerr), json_file); });
   add("slip", "Every model on a slip of 6 px along lines and a circle")->callback([&] {
     exit_code = finish(slip_columns(), slip_rows(is_quick, std::cerr), json_file);
+  });
+  add("blocks", "What active and inactive blocks of first-order momenta cost")->callback([&] {
+    exit_code = finish(block_cost_columns(), block_cost_rows(is_quick, std::cerr), json_file);
   });
   CLI11_PARSE(app, argument_count, arguments);
   return exit_code;

@@ -49,14 +49,17 @@ class Transport {
       : how_(how),
         where(lattice<Dim>()),
         field(Dim * where.sites()),
+        sites(where, how.evolution),
         transport(where, 2.3, how.has_zeroth, how.has_first, how.evolution) {}
 
   Pushed<Dim> push(const std::vector<double>& displacement, const std::vector<double>& zeroth,
                    const std::vector<double>& first) {
     Pushed<Dim> out{std::vector<double>(field, 1e300), std::vector<double>(how_.has_first ? Dim * field : 0, 1e300)};
-    transport.push(displacement.data(), how_.has_zeroth ? zeroth.data() : nullptr,
-                   how_.has_first ? first.data() : nullptr, out.zeroth.data(),
-                   how_.has_first ? out.first.data() : nullptr);
+    sites.move(displacement.data());
+    transport.push(sites, how_.has_zeroth ? zeroth.data() : nullptr, how_.has_first ? first.data() : nullptr, {},
+                   transport.reached(sites, {}), out.zeroth.data(), how_.has_first ? out.first.data() : nullptr);
+    // What it cannot reach it leaves alone, and that is 0.
+    if (transport.reached(sites, {}).zeroth.is_empty()) std::fill(out.zeroth.begin(), out.zeroth.end(), 0.0);
     return out;
   }
 
@@ -66,6 +69,7 @@ class Transport {
  public:
   Lattice<Dim> where;
   std::size_t field;
+  MovedSites<Dim, double> sites;
   CoadjointTransport<Dim, double> transport;
 };
 
@@ -83,9 +87,13 @@ void expect_adjoint(const Case& how) {
     return dot(out.zeroth, w0) + dot(out.first, w1);
   };
   std::vector<double> d_dual(field, 1.0), m0_dual(field, 2.0), m1_dual(firsts, 3.0);
-  t.transport.push_adjoint(d.data(), how.has_zeroth ? m0.data() : nullptr, how.has_first ? m1.data() : nullptr,
+  const auto all = BlockMask<Dim>::all(t.where);
+  t.sites.move(d.data());
+  t.sites.begin_adjoint(all);
+  t.transport.push_adjoint(t.sites, how.has_zeroth ? m0.data() : nullptr, how.has_first ? m1.data() : nullptr, {},
                            w0.data(), w1.data(), d_dual.data(), how.has_zeroth ? m0_dual.data() : nullptr,
                            how.has_first ? m1_dual.data() : nullptr);
+  t.sites.end_adjoint(all, d_dual.data());
   // It adds to what is there.
   for (double& v : d_dual) v -= 1;
   for (double& v : m0_dual) v -= 2;
@@ -225,7 +233,9 @@ TEST(CoadjointTransportExact, IsTheDualOfPullingFieldsBack) {
         }
       });
     CoadjointTransport<2, double> transport(where, unit, true, true, Evolution::Exact);
-    transport.push(d.data(), m0.data(), m1.data(), out0.data(), out1.data());
+    MovedSites<2, double> sites(where, Evolution::Exact);
+    sites.move(d.data());
+    transport.push(sites, m0.data(), m1.data(), {}, transport.reached(sites, {}), out0.data(), out1.data());
     double found = 0;
     for (int slab = 0; slab < where.size[1]; ++slab)
       visit_slab<2>(where, slab, [&](const Index<2>& i, std::size_t site) {
@@ -265,9 +275,13 @@ TEST(CoadjointTransport, GivesTheSameBitsForAnyNumberOfThreads) {
     CoadjointTransport<3, double> transport(where, 2.3, true, true, Evolution::Exact);
     std::vector<double> all(8 * field, 0.0);
     double* at = all.data();
-    transport.push(d.data(), m0.data(), m1.data(), at, at + field);
-    transport.push_adjoint(d.data(), m0.data(), m1.data(), w0.data(), w1.data(), at + 4 * field, at + 4 * field,
+    MovedSites<3, double> sites(where, Evolution::Exact);
+    sites.move(d.data());
+    transport.push(sites, m0.data(), m1.data(), {}, transport.reached(sites, {}), at, at + field);
+    sites.begin_adjoint(BlockMask<3>::all(where));
+    transport.push_adjoint(sites, m0.data(), m1.data(), {}, w0.data(), w1.data(), at + 4 * field, at + 4 * field,
                            at + 5 * field);
+    sites.end_adjoint(BlockMask<3>::all(where), at + 4 * field);
     results.push_back(std::move(all));
   }
   omp_set_num_threads(before);

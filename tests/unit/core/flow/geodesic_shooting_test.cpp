@@ -3,9 +3,11 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <limits>
 
 #include "core/flow/backward_map.h"
 #include "tests/support/finite_differences.h"
+#include "tests/support/random_blocks.h"
 #include "tests/support/random_fields.h"
 
 namespace saltus {
@@ -271,18 +273,18 @@ TEST(GeodesicShooting, NeedsOnlyTheBlocksThatAreNotZero) {
       }
       for (std::size_t i = 0; i < first.size(); ++i) first[i] *= is_inside[i];
 
-      const auto run = [&](const std::vector<AxisBlocks<2>>& within, std::vector<double>& gradient) {
+      const auto run = [&](const ActiveBlocks<2>& within, std::vector<double>& gradient) {
         shooting.shoot({{zeroth.data(), first.data()}}, within);
         std::vector<Field<double>> velocities = shooting.velocities(), duals;
         for (int k = 0; k <= steps; ++k) duals.push_back(random_values(field, 10 + k));
         gradient.assign(3 * field, 0.0);
         std::vector<double> preconditioned(field, 0.0);
         shooting.adjoint({{zeroth.data(), first.data()}}, duals, {{gradient.data(), gradient.data() + field}},
-                         {{preconditioned.data(), nullptr}}, within);
+                         {{preconditioned.data(), nullptr}});
         return velocities;
       };
       std::vector<double> everywhere, inside;
-      const auto expected = run({}, everywhere), found = run({blocks}, inside);
+      const auto expected = run({}, everywhere), found = run({{blocks}, {blocks}}, inside);
       for (int k = 0; k <= steps; ++k)
         for (std::size_t i = 0; i < field; ++i) ASSERT_NEAR(found[k][i], expected[k][i], 1e-14) << k << " " << i;
       for (std::size_t i = 0; i < field; ++i) ASSERT_NEAR(inside[i], everywhere[i], 1e-12) << i;
@@ -291,6 +293,84 @@ TEST(GeodesicShooting, NeedsOnlyTheBlocksThatAreNotZero) {
         ASSERT_NEAR(inside[field + i], everywhere[field + i], 1e-12) << i;
       }
     }
+}
+
+// First orders alone on a lattice: only sites around active blocks move. A second scale on the same lattice, with
+// blocks of its own, and a coarse one with order 0. Oracle: all sites; outside the active blocks momenta are a NaN.
+template <int Dim>
+void expect_same_from_active_blocks(Evolution evolution, double share, bool looks_everywhere) {
+  Lattice<Dim> fine;
+  fine.spacing.fill(1.1);
+  for (int axis = 0; axis < Dim; ++axis) fine.size[axis] = Dim == 2 ? 37 - 3 * axis : 22 - axis;
+  MomentumScale<Dim, double> wide({make_gaussian_profile(5), coarsened(fine, 2.2), Orders::Zeroth, 2.0, 1.0});
+  MomentumScale<Dim, double> narrow({make_wendland_profile(3), fine, Orders::First, 1.0, 0.5});
+  MomentumScale<Dim, double> other({make_wendland_profile(2), fine, Orders::First, 1.0, 0.8});
+  constexpr int steps = 3;
+  GeodesicShooting<Dim, double> shooting({&wide, &narrow, &other}, fine, steps, evolution);
+  const std::size_t a = wide.field_size(), field = narrow.field_size(), whole = a + 2 * Dim * field;
+  std::vector<double> zeros = random_values(whole, 1, 0.1), nans = zeros;
+  ActiveBlocks<Dim> some{std::vector<AxisBlocks<Dim>>(3), std::vector<AxisBlocks<Dim>>(3)}, all = some;
+  std::vector<BlockSet<Dim>> sets;
+  sets.reserve(2 * Dim);
+  std::vector<char> is_wanted(whole, 1);
+  for (std::size_t scale : {1, 2})
+    for (std::size_t axis = 0; axis < Dim; ++axis) {
+      const auto mask = testing::random_blocks<Dim>(fine, 100 * scale + axis, share);
+      std::vector<std::uint32_t> active;
+      for (std::size_t b = 0; b < BlockSet<Dim>::none(fine).blocks(); ++b)
+        if (mask[b]) active.push_back(static_cast<std::uint32_t>(b));
+      sets.emplace_back(fine, active);
+      some.momenta[scale][axis] = &sets.back();
+      if (!looks_everywhere) some.wanted[scale][axis] = &sets.back();
+      const std::vector<char> flags = testing::site_flags<Dim>(fine, mask);
+      const std::size_t begin = a + ((scale - 1) * Dim + axis) * field;
+      for (std::size_t i = 0; i < field; ++i) {
+        if (flags[i / Dim]) continue;
+        zeros[begin + i] = 0;
+        nans[begin + i] = std::numeric_limits<double>::quiet_NaN();
+        is_wanted[begin + i] = looks_everywhere;
+      }
+    }
+  // A look reads momenta everywhere: they are 0 there.
+  if (looks_everywhere) nans = zeros;
+  const auto split = [&](auto* x, auto&& make) {
+    using Part = decltype(make(x, x));
+    return std::vector<Part>{make(x, static_cast<decltype(x)>(nullptr)), make(static_cast<decltype(x)>(nullptr), x + a),
+                             make(static_cast<decltype(x)>(nullptr), x + a + Dim * field)};
+  };
+  const auto run = [&](const std::vector<double>& m, const ActiveBlocks<Dim>& blocks, std::vector<double>& gradient) {
+    const auto pointers = split(m.data(), [](const double* zeroth, const double* first) {
+      return MomentumPointers<double>{zeroth, first};
+    });
+    std::vector<double> preconditioned(whole, 0.0);
+    gradient.assign(whole, 0.0);
+    const auto target = [](double* zeroth, double* first) { return MomentumTargets<double>{zeroth, first}; };
+    shooting.shoot(pointers, blocks);
+    std::vector<Field<double>> velocities = shooting.velocities(), duals;
+    for (int k = 0; k <= steps; ++k) duals.push_back(random_values(field, 10 + k));
+    std::vector<MomentumTargets<double>> scaled = split(preconditioned.data(), target);
+    scaled[1] = scaled[2] = {};
+    shooting.adjoint(pointers, duals, split(gradient.data(), target), scaled);
+    gradient.insert(gradient.end(), preconditioned.begin(), preconditioned.begin() + static_cast<std::ptrdiff_t>(a));
+    return velocities;
+  };
+  std::vector<double> expected_gradient, gradient;
+  const auto expected = run(zeros, all, expected_gradient), found = run(nans, some, gradient);
+  for (int k = 0; k <= steps; ++k)
+    for (std::size_t i = 0; i < field; ++i) ASSERT_NEAR(found[k][i], expected[k][i], 1e-13) << k << " " << i;
+  is_wanted.resize(gradient.size(), 1);
+  for (std::size_t i = 0; i < gradient.size(); ++i)
+    if (is_wanted[i]) { ASSERT_NEAR(gradient[i], expected_gradient[i], 1e-11) << i; }
+}
+
+TEST(GeodesicShooting, MovesOnlySitesAroundActiveBlocks) {
+  for (Evolution evolution : {Evolution::Exact, Evolution::PerOrder, Evolution::Carried})
+    for (bool looks_everywhere : {false, true})
+      for (double share : {0.0, 0.02, 0.15}) {
+        SCOPED_TRACE(share);
+        expect_same_from_active_blocks<2>(evolution, share, looks_everywhere);
+        expect_same_from_active_blocks<3>(evolution, share, looks_everywhere);
+      }
 }
 
 TEST(GeodesicShooting, OfNoMomentumStandsStill) {

@@ -3,8 +3,10 @@
 
 #include <gtest/gtest.h>
 
+#include <cmath>
 #include <limits>
 
+#include "tests/support/random_blocks.h"
 #include "tests/support/random_fields.h"
 
 namespace saltus {
@@ -92,6 +94,52 @@ TYPED_TEST(SeparableConvolution, GivesTheSameForFieldsThatAreZeroNearlyEverywher
           for (std::size_t i = 0; i < count; ++i)
             ASSERT_NEAR(out[i], expected[i], 4 * std::numeric_limits<TypeParam>::epsilon()) << "at " << i;
         }
+}
+
+// Oracle: the same on the whole field, with 0 where nothing is given. What stands outside the blocks is a NaN.
+template <int Dim, class T>
+void expect_blocks_of_the_whole(const Lattice<Dim>& lattice) {
+  const std::size_t count = Dim * lattice.sites();
+  const T nan = std::numeric_limits<T>::quiet_NaN();
+  const auto values = [&](std::uint64_t seed) {
+    const std::vector<double> made = testing::random_values(count, seed);
+    return std::vector<T>(made.begin(), made.end());
+  };
+  const auto all = BlockMask<Dim>::all(lattice), none = BlockMask<Dim>::none(lattice);
+  for (double width : {2.0, 9.0}) {
+    const KernelTaps taps = cell_averaged_taps(*make_wendland_profile(width), 1.0);
+    for (ConvolutionMethod method : {ConvolutionMethod::Direct, ConvolutionMethod::Moments})
+      for (int axis = 0; axis < Dim; ++axis)
+        for (std::uint64_t seed = 1; seed < 6; ++seed) {
+          const AxisTaps<T> row(taps.slope, taps.slope_runs, taps.degree - 1, method);
+          const BlockMask<Dim> in_at = seed == 1   ? all
+                                       : seed == 2 ? none
+                                                   : testing::random_blocks<Dim>(lattice, seed, 0.3);
+          const BlockMask<Dim> out_at = seed == 3 ? all : testing::random_blocks<Dim>(lattice, seed + 10, 0.4);
+          for (Combine combine : {Combine::Replace, Combine::Add}) {
+            const std::vector<T> in = values(seed), before = values(seed + 20);
+            std::vector<T> expected = before, out = testing::only_in<Dim, T>(lattice, out_at, before, nan);
+            if (combine == Combine::Replace) std::fill(out.begin(), out.end(), nan);
+            const std::vector<T> zeros_outside = testing::only_in<Dim, T>(lattice, in_at, in, T(0));
+            convolve_axis<Dim, T>(lattice, Dim, axis, row, combine, zeros_outside.data(), expected.data());
+            convolve_axis<Dim, T>(lattice, axis, row, combine, in_at,
+                                  testing::only_in<Dim, T>(lattice, in_at, in, nan).data(), out_at, out.data());
+            const std::vector<char> is_out = testing::site_flags<Dim>(lattice, out_at);
+            for (std::size_t i = 0; i < count; ++i) {
+              if (is_out[i / Dim])
+                ASSERT_NEAR(out[i], expected[i], 60 * std::numeric_limits<T>::epsilon()) << "axis " << axis;
+              else
+                ASSERT_TRUE(std::isnan(out[i])) << "written outside, axis " << axis;
+            }
+          }
+        }
+  }
+}
+
+TYPED_TEST(SeparableConvolution, ReadsAndWritesTheGivenBlocksOnly) {
+  expect_blocks_of_the_whole<2, TypeParam>({{41, 23}, {1, 1}, {}});
+  expect_blocks_of_the_whole<2, TypeParam>({{2, 37}, {1, 1}, {}});
+  expect_blocks_of_the_whole<3, TypeParam>({{22, 13, 31}, {1, 1, 1}, {}});
 }
 
 }  // namespace
