@@ -139,12 +139,13 @@ MomentumMasks<Dim> CoadjointTransport<Dim, T>::reached(const MovedSites<Dim, T>&
   masks.first.fill(none);
   const bool exact = evolution_ == Evolution::Exact;
   for (int axis = 0; has_first_ && axis < Dim; ++axis) {
-    const bool is_everywhere = !blocks[axis] || blocks[axis]->is_complete();
-    if (!is_everywhere && blocks[axis]->sites() == 0) continue;
+    BlockMask<Dim> start = blocks[axis] ? blocks[axis]->mask() : all;
+    if (start.is_empty()) continue;
+    start.complete_if_dense();  // what most blocks reach is dense as well
     for (int b = -1; b < Dim; ++b) {
       if (!exact && b != axis) continue;  // nothing turns into another order or axis
       BlockMask<Dim>& mask = b < 0 ? masks.zeroth : masks.first[b];
-      if (is_everywhere) mask = all;
+      if (start.is_all()) mask = all;
       if (mask.is_all()) continue;
       for (int slab = 0; slab < lattice_.size[Dim - 1]; ++slab)
         blocks[axis]->visit_slab(slab, [&](const Index<Dim>& index, std::size_t site) {

@@ -10,9 +10,9 @@
 namespace saltus {
 namespace {
 
-/// Iterations from one look at what is outside the working set to the next: few enough that what is missing joins
-/// soon, and a look that costs as much again as an evaluation does not show.
-constexpr int kLookEvery = 5;
+/// Iterations from one look at what is outside the working set to the next: few enough at first that what is missing
+/// joins soon; twice as many each time that nothing did, so that looks in vain hardly show.
+constexpr int kFirstLookGap = 5, kLargestLookGap = 40;
 
 template <class T>
 double dot(const std::vector<T>& a, const std::vector<T>& b) {
@@ -169,7 +169,17 @@ MinimiseSummary minimise(Objective<T>& objective, const MinimiseOptions& options
   };
 
   // Depends on the state alone, so that a run that is taken up again looks when it would have.
-  const auto looks = [&](int iteration) { return !objective.has_more() || iteration % kLookEvery == 0; };
+  const auto is_due = [&](int iteration) {
+    return !objective.has_more() || static_cast<long long>(iteration) - state.looked_at >= state.look_gap;
+  };
+  // The last evaluation looked everywhere, at state.x: lets in what wants to take part.
+  const auto revise_after_look = [&](int iteration) {
+    const bool has_changed = objective.revise(state);
+    state.looked_at = iteration;
+    state.look_gap = has_changed ? kFirstLookGap : 2 * std::clamp(state.look_gap, kFirstLookGap, kLargestLookGap / 2);
+    if (has_changed) state.revised_at = iteration;
+    return has_changed;
+  };
 
   if (!state.has_begun()) {
     objective.look_everywhere(true);
@@ -180,17 +190,18 @@ MinimiseSummary minimise(Objective<T>& objective, const MinimiseOptions& options
     if (!start.is_valid)
       throw NumericalFailure("the energy at the start or its gradient is not finite; check the images for NaN and Inf");
     state.energies = {start.value};
-    objective.revise(state);
+    revise_after_look(0);
+    state.look_gap = kFirstLookGap;
   }
   fit();
 
   // Before a run ends where it has not looked: whether something that was outside the working set wants to take part.
   const auto joins_here = [&](int iteration) {
-    if (looks(iteration)) return false;
+    if (!objective.has_more() || state.looked_at == iteration) return false;
     objective.look_everywhere(true);
     double sparse_here = 0;
     total(state.x, next_gradient, next_preconditioned, sparse_here);
-    if (!objective.revise(state)) return false;
+    if (!revise_after_look(iteration)) return false;
     fit();
     return true;
   };
@@ -214,13 +225,17 @@ MinimiseSummary minimise(Objective<T>& objective, const MinimiseOptions& options
       if (joins_here(done)) continue;
       return ended(MinimiseTermination::Converged);
     }
-    if (done >= 5 && looks(done)) {
+    if (done >= 5 && state.revised_at != done) {
       const double recent = state.energies[done - 5] - energy, whole = state.energies[0] - energy;
-      if (recent <= options.tolerance * whole) return ended(MinimiseTermination::Settled);
+      if (recent <= options.tolerance * whole) {
+        if (joins_here(done)) continue;
+        return ended(MinimiseTermination::Settled);
+      }
     }
     if (done >= options.max_iterations) return ended(MinimiseTermination::IterationLimit);
 
-    objective.look_everywhere(looks(done + 1));
+    const bool is_look = is_due(done + 1);
+    objective.look_everywhere(is_look);
     bool found = false, has_forgotten = false;
     double next_energy = 0, next_sparse = 0;
     for (int attempt = 0; attempt < 2 && !found; ++attempt) {
@@ -276,7 +291,7 @@ MinimiseSummary minimise(Objective<T>& objective, const MinimiseOptions& options
     std::swap(state.preconditioned, next_preconditioned);
     state.energies.push_back(next_energy);
     sparse = next_sparse;
-    if (objective.revise(state)) fit();
+    if (is_look ? revise_after_look(done + 1) : objective.revise(state)) fit();
     is_told = false;
   }
 }

@@ -63,6 +63,9 @@ struct MinimiserState {
   std::vector<double> energies;             ///< at the start and after each accepted step; empty before the start
   double first_optimality = 0;              ///< residual at the start, absolute
   int evaluations = 0;
+  int looked_at = 0;    ///< iteration after which all that is outside the working set was looked at last
+  int look_gap = 0;     ///< iterations from there to the next look
+  int revised_at = -1;  ///< iteration after which a look changed the working set last; -1: none
 
   bool has_begun() const { return !energies.empty(); }
   int iterations() const { return has_begun() ? static_cast<int>(energies.size()) - 1 : 0; }  ///< accepted steps
@@ -75,8 +78,9 @@ struct MinimiserState {
 /// that is not finite shortens the step. The optimality residual is sqrt(g . P g) with g the subgradient of least
 /// length of the whole energy and P the preconditioner: 0 exactly at a stationary point. The objective may revise its
 /// working set after each step; pairs hold 0 for unknowns that they were made without, which leaves s . y as it is.
-/// What is outside the working set is looked at in every fifth iteration, and before a run ends for any reason but its
-/// limit: one that converges does so where nothing more wants to take part. `accepted` is called after each accepted
+/// What is outside the working set is looked at after five iterations, then after ten more and so on up to forty, after
+/// five again once a look changed the set, and before a run ends for any reason but its limit: one that converges does
+/// so where nothing more wants to take part. `accepted` is called after each accepted
 /// step, when the state is complete, and says whether to go on.
 ///
 /// A state that has begun goes on after its last step, of which `accepted` is not told again; the summary counts from

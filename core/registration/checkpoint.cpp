@@ -12,7 +12,7 @@ namespace {
 
 constexpr char kMagic[8] = {'S', 'A', 'L', 'T', 'U', 'S', 'C', 'P'};
 /// To be raised with every change of what is stored or of what is computed from it.
-constexpr std::uint32_t kVersion = 5;
+constexpr std::uint32_t kVersion = 6;
 
 struct Header {
   char magic[8];
@@ -155,6 +155,9 @@ void transfer(Stream& stream, State& at) {
   stream(at.minimiser.energies);
   stream(at.minimiser.first_optimality);
   stream(at.minimiser.evaluations);
+  stream(at.minimiser.looked_at);
+  stream(at.minimiser.look_gap);
+  stream(at.minimiser.revised_at);
   stream.list(at.levels, [](auto& s, auto& level) { transfer_level(s, level); });
   stream.list(at.history, [](auto& s, auto& record) {
     s(record.level);

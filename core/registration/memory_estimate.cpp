@@ -25,16 +25,22 @@ std::size_t memory_estimate(const ImageGrid<Dim>& fixed, const ImageGrid<Dim>& m
                                 + 6 * scalar + similarity);       // images, weights, duals
   const RegistrationOptions::Momenta& m = options.momenta;
   double unknowns = 0;
+  // Once for each lattice: where its sites are, with their duals, Jacobians and plan. Then for each scale its momenta.
+  const auto add_lattice = [&](double sites) {
+    level_bytes += sites * ((2 * nodes + 5) * vector + scatter + 2 * Dim * vector);
+  };
   for (int q = m.finest_scale; q < m.finest_scale + m.scales; ++q) {
     const double sites = static_cast<double>(level_lattice(image, q).sites());
     unknowns += Dim * sites;
-    level_bytes += sites * ((2 * nodes + 11) * vector + scatter + 2 * Dim * vector);
+    add_lattice(sites);
+    level_bytes += sites * 6 * vector;
   }
   for (int q = m.first_order_finest_scale; q < m.first_order_finest_scale + m.first_order_scales; ++q) {
     if (q > std::max(m.finest_scale + m.scales - 1, m.first_order_finest_scale)) break;
     const double sites = static_cast<double>(level_lattice(image, q).sites());
     unknowns += Dim * Dim * sites;
-    level_bytes += sites * ((2 * nodes + 11) * vector + scatter + 5 * Dim * vector + (2 + Dim) * (1 + Dim) * vector);
+    if (q < m.finest_scale || q >= m.finest_scale + m.scales) add_lattice(sites);
+    level_bytes += sites * (6 * vector + 5 * Dim * vector + (2 + Dim) * (1 + Dim) * vector);
     // With sparsity only active blocks are unknowns, beside momenta and gradients at all sites. How many there will be
     // is not known: nearly all, at worst.
     if (m.sparsity > 0) level_bytes += sites * 2 * Dim * vector;
