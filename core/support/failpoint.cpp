@@ -1,14 +1,15 @@
 #include "core/support/failpoint.h"
 
 #include <atomic>
+#include <chrono>
 #include <csignal>
+#include <cstdio>
 #include <cstdlib>
 #include <fstream>
 #include <iostream>
 #include <new>
 #include <string>
-
-#include <unistd.h>
+#include <thread>
 
 namespace saltus {
 namespace {
@@ -57,11 +58,11 @@ void take_memory_by_malloc() {
 
 void act(const std::string& action) {
   if (action == "segv") std::raise(SIGSEGV);
-  if (action == "exit") _exit(0);
+  if (action == "exit") std::_Exit(0);
   if (action == "stop") std::raise(SIGSTOP);
   if (action == "new") take_memory_by_new();
   if (action == "malloc") take_memory_by_malloc();
-  while (action == "hang") pause();
+  while (action == "hang") std::this_thread::sleep_for(std::chrono::hours(1));
   for (std::atomic<int> turns = 0; action == "spin";) ++turns;
 }
 
@@ -72,7 +73,7 @@ void reach_failpoint(const char* name) {
   if (chosen.name != name) return;
   if (chosen.armed_file && !std::ifstream(chosen.armed_file)) return;
   if (--chosen.passes_left != 0) return;
-  if (chosen.once_file && unlink(chosen.once_file) != 0) return;
+  if (chosen.once_file && std::remove(chosen.once_file) != 0) return;
   if (chosen.action == "kill") std::raise(SIGKILL);
   std::cerr << "failpoint " << name << ": " << chosen.action << std::endl;
   act(chosen.action);

@@ -315,7 +315,9 @@ void expect_same_in_blocks(MomentumScaleOptions<Dim> made) {
     const auto expect_in = [&](const BlockMask<Dim>& mask, const double* some, const double* all, const char* what) {
       const std::vector<char> flags = testing::site_flags<Dim>(made.lattice, mask);
       for (std::size_t i = 0; i < field; ++i)
-        if (flags[i / Dim]) ASSERT_NEAR(some[i], all[i], 1e-12) << what << " " << i;
+        if (flags[i / Dim]) {
+          ASSERT_NEAR(some[i], all[i], 1e-12) << what << " " << i;
+        }
     };
     scale.synthesise_transpose(w.data(), zeroth.data(), or_null(first));
     scale.synthesise_transpose(w.data(), wanted, some_zeroth.data(), or_null(some_first));
