@@ -3,6 +3,7 @@
 
 #include "server/store/sqlite_job_table.h"
 #include "tests/support/temporary_folder.h"
+#include "tests/unit/server/store/released_schemas.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -12,74 +13,12 @@ namespace {
 
 using ::testing::ElementsAre;
 using ::testing::HasSubstr;
+using testing_support::kReleasedSchema1;
+using testing_support::kReleasedSchema2;
+using testing_support::kReleasedSchema3;
 
-// What saltusd 0.1 made, as `sqlite3 saltusd.db .dump` shows it, with rows in every table. Never to be edited.
-constexpr const char* kReleasedSchema1 = R"sql(
-PRAGMA foreign_keys=OFF;
-BEGIN TRANSACTION;
-CREATE TABLE blob (
-  digest TEXT PRIMARY KEY,
-  size INTEGER NOT NULL,
-  created INTEGER NOT NULL
-) WITHOUT ROWID;
-INSERT INTO blob VALUES('sha256:in',10,1000);
-INSERT INTO blob VALUES('sha256:out',20,2000);
-CREATE TABLE job (
-  sequence INTEGER PRIMARY KEY AUTOINCREMENT,
-  revision INTEGER NOT NULL,
-  id TEXT NOT NULL UNIQUE,
-  request_id TEXT UNIQUE,
-  request_hash TEXT NOT NULL,
-  spec BLOB NOT NULL,
-  threads INTEGER NOT NULL,
-  state INTEGER NOT NULL,
-  attempt INTEGER NOT NULL,
-  lost_attempts INTEGER NOT NULL,
-  crashes INTEGER NOT NULL,
-  token_hash TEXT NOT NULL,
-  process TEXT NOT NULL,
-  created INTEGER NOT NULL,
-  started INTEGER,
-  ended INTEGER,
-  failure_reason TEXT,
-  failure_message TEXT
-);
-INSERT INTO job VALUES(3,3,'done','request-1','hash-1',X'00ff73706563',2,3,1,0,0,'token','',1000,2000,3000,NULL,NULL);
-INSERT INTO job VALUES(4,4,'failed',NULL,'hash-2',X'73706563',0,4,2,1,1,'token','',1001,2001,3001,'DIVERGED','it diverged');
-INSERT INTO job VALUES(7,2,'running','request-2','hash-3',X'73706563',0,1,1,0,0,'token','42 1 boot',1002,2002,NULL,NULL,NULL);
-CREATE TABLE label (
-  job INTEGER NOT NULL REFERENCES job ON DELETE CASCADE,
-  name TEXT NOT NULL,
-  value TEXT NOT NULL,
-  PRIMARY KEY (job, name)
-) WITHOUT ROWID;
-INSERT INTO label VALUES(3,'case','7');
-INSERT INTO label VALUES(3,'side','left');
-CREATE TABLE input (
-  job INTEGER NOT NULL REFERENCES job ON DELETE CASCADE,
-  digest TEXT NOT NULL REFERENCES blob,
-  PRIMARY KEY (job, digest)
-) WITHOUT ROWID;
-INSERT INTO input VALUES(3,'sha256:in');
-INSERT INTO input VALUES(7,'sha256:in');
-CREATE TABLE artifact (
-  job INTEGER NOT NULL REFERENCES job ON DELETE CASCADE,
-  position INTEGER NOT NULL,
-  name TEXT NOT NULL,
-  digest TEXT NOT NULL REFERENCES blob,
-  size INTEGER NOT NULL,
-  PRIMARY KEY (job, position)
-) WITHOUT ROWID;
-INSERT INTO artifact VALUES(3,0,'field.nii.gz','sha256:out',20);
-DELETE FROM sqlite_sequence;
-INSERT INTO sqlite_sequence VALUES('job',12);
-CREATE INDEX job_by_state ON job (state, sequence);
-CREATE INDEX input_by_digest ON input (digest);
-CREATE INDEX artifact_by_digest ON artifact (digest);
-PRAGMA application_id=1936487541;
-PRAGMA user_version=1;
-COMMIT;
-)sql";
+constexpr const char* kReleased[] = {kReleasedSchema1, kReleasedSchema2, kReleasedSchema3};
+static_assert(std::size(kReleased) == kSchemaVersion, "a new schema needs a fixture of its own");
 
 class SchemaTest : public ::testing::Test {
  protected:
@@ -94,6 +33,44 @@ class SchemaTest : public ::testing::Test {
     std::vector<std::string> found;
     while (query.step()) found.push_back(query.text());
     return found;
+  }
+  static WallTime at(int milliseconds) { return WallTime(std::chrono::milliseconds(milliseconds)); }
+  /// What schemas 2 and 3 held of jobs.
+  void expect_jobs_since_schema_2() {
+    SqliteJobTable table(database);
+    const auto retry = *table.find("retry");
+    EXPECT_EQ(retry.sequence, 8);
+    EXPECT_EQ(retry.revision, 5);
+    EXPECT_EQ(retry.submitter, "ann");
+    EXPECT_EQ(retry.request_hash, "hash-4");
+    EXPECT_EQ(retry.spec, "spec");
+    EXPECT_EQ(retry.threads, 3);
+    EXPECT_EQ(retry.priority, kHighestPriority);
+    EXPECT_EQ(retry.memory_bytes, std::int64_t{1} << 30);
+    EXPECT_EQ(retry.limits, (JobLimits{60, 50, std::int64_t{2} << 30}));
+    EXPECT_EQ(retry.state, JobState::Queued);
+    EXPECT_EQ(retry.attempt, 2);
+    EXPECT_EQ(retry.lost_attempts, 1);
+    EXPECT_EQ(retry.crashes, 1);
+    EXPECT_EQ(retry.not_before, at(9000));
+    EXPECT_EQ(retry.last_loss, (JobFailure{"STALLED", "it stood still"}));
+    EXPECT_EQ(retry.checkpoint, (Checkpoint{"sha256:stand", 30, 1, 2, 17}));
+    EXPECT_EQ(retry.labels, (std::map<std::string, std::string>{{"case", "8"}}));
+    EXPECT_THAT(retry.inputs, ElementsAre("sha256:in"));
+    EXPECT_EQ(retry.created, at(1003));
+    EXPECT_EQ(retry.started, at(2003));
+    EXPECT_EQ(table.find_request("ann", "request-1")->id, "retry");
+    EXPECT_EQ(table.find_request(kLocalSubmitter, "request-1")->id, "done");
+    EXPECT_EQ(table.find("held")->state, JobState::Cancelling);
+    EXPECT_EQ(table.find("held")->process, "43 1 boot");
+    EXPECT_EQ(table.find("failed")->failure, (JobFailure{"DIVERGED", "it diverged"}));
+    EXPECT_THAT(table.find("done")->artifacts, ElementsAre(Artifact{"field.nii.gz", "sha256:out", 20}));
+    EXPECT_EQ(table.count_queued_of("ann"), 1);
+    for (const auto& [digest, size] : {std::pair{"sha256:in", 10}, {"sha256:out", 20}, {"sha256:stand", 30}}) {
+      EXPECT_EQ(table.blob_size(digest), size);
+      EXPECT_FALSE(table.is_marked_unreferenced(digest));
+      EXPECT_FALSE(table.erase_blob_if_unreferenced(digest)) << digest;
+    }
   }
 
   testing_support::TemporaryFolder folder;
@@ -138,19 +115,54 @@ TEST_F(SchemaTest, AReleasedDatabaseKeepsEverythingItHeld) {
   EXPECT_EQ(table.find_request(kLocalSubmitter, "request-2")->id, "running");
 }
 
-TEST_F(SchemaTest, AMigratedDatabaseHasTheSchemaOfANewOne) {
-  database.execute(kReleasedSchema1);
-  prepare_schema(database);
-  Database fresh(folder / "fresh", Database::Access::ReadWrite);
-  prepare_schema(fresh);
-  EXPECT_EQ(definitions(database), definitions(fresh));
+// Each step on its own: what the daemon of that version made is what its migration makes now.
+TEST_F(SchemaTest, EachMigrationMakesOfTheSchemaBeforeWhatWasReleased) {
+  for (int version = 1; version <= kSchemaVersion; ++version) {
+    SCOPED_TRACE("schema " + std::to_string(version));
+    Database migrated(folder / ("migrated " + std::to_string(version)), Database::Access::ReadWrite);
+    if (version > 1) migrated.execute(kReleased[version - 2]);
+    prepare_schema(migrated, version);
+    Database released(folder / ("released " + std::to_string(version)), Database::Access::ReadWrite);
+    released.execute(kReleased[version - 1]);
+    EXPECT_EQ(definitions(migrated), definitions(released));
+    Query query = migrated.query("PRAGMA user_version");
+    EXPECT_TRUE(query.step());
+    EXPECT_EQ(query.integer(), version);
+  }
 }
 
-TEST_F(SchemaTest, TheFirstMigrationMakesWhatWasReleased) {
-  prepare_schema(database, 1);
-  Database released(folder / "released", Database::Access::ReadWrite);
-  released.execute(kReleasedSchema1);
-  EXPECT_EQ(definitions(database), definitions(released));
+TEST_F(SchemaTest, EveryReleasedDatabaseComesToTheSchemaOfANewOne) {
+  Database fresh(folder / "fresh", Database::Access::ReadWrite);
+  prepare_schema(fresh);
+  for (int version = 1; version <= kSchemaVersion; ++version) {
+    Database released(folder / ("released " + std::to_string(version)), Database::Access::ReadWrite);
+    released.execute(kReleased[version - 1]);
+    prepare_schema(released);
+    EXPECT_EQ(definitions(released), definitions(fresh)) << "from schema " << version;
+  }
+}
+
+TEST_F(SchemaTest, TheSecondSchemaKeepsEverythingItHeldAndLearnsOfRetention) {
+  database.execute(kReleasedSchema2);
+  prepare_schema(database, 3);
+  EXPECT_EQ(number("PRAGMA user_version"), 3);
+  expect_jobs_since_schema_2();
+  // Nobody has looked yet: the time of a blob that is not used begins with the next look.
+  SqliteJobTable table(database);
+  table.insert_blob("sha256:new", 5, at(1));
+  EXPECT_EQ(table.mark_unreferenced(at(5000)), 1);
+  EXPECT_THAT(table.unreferenced_since(at(5001), 10), ElementsAre(BlobRow{"sha256:new", 5}));
+  EXPECT_THAT(table.ended_before(at(3001), 10), ElementsAre("done"));
+}
+
+TEST_F(SchemaTest, TheThirdSchemaKeepsEverythingItHeld) {
+  database.execute(kReleasedSchema3);
+  prepare_schema(database);
+  expect_jobs_since_schema_2();
+  SqliteJobTable table(database);
+  EXPECT_TRUE(table.is_marked_unreferenced("sha256:old"));
+  EXPECT_THAT(table.unreferenced_since(at(7001), 10), ElementsAre(BlobRow{"sha256:old", 40}));
+  EXPECT_TRUE(table.unreferenced_since(at(7000), 10).empty());
 }
 
 TEST_F(SchemaTest, SequencesOfDeletedJobsAreNotGivenAgain) {
