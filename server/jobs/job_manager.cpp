@@ -19,6 +19,8 @@ constexpr auto kAll = std::numeric_limits<int>::max();
 constexpr int kLongestRetry = 64;
 // How long a daemon takes that goes down and comes back.
 constexpr std::chrono::milliseconds kRestart{5000};
+// When an administrator takes a drain back, nobody knows.
+constexpr std::chrono::milliseconds kDrained{30000};
 
 Demand total_of(const ManagerSettings& settings) {
   Demand total;
@@ -34,7 +36,7 @@ Refusal draining() {
 
 Refusal paused() {
   return {RefusalKind::Unavailable, "DRAINING",
-          "an administrator has this daemon drained, so it takes no new jobs; try again later"};
+          "an administrator has this daemon drained, so it takes no new jobs; try again later", kDrained};
 }
 
 /// After `decide` has changed the job: the row of a checkpoint that it has no more goes in the same transaction.
@@ -112,8 +114,10 @@ void JobManager::committed(const JobRecord& job) {
 
 void JobManager::recover() {
   std::vector<JobRecord> held, queued, finished;
+  std::vector<LastStart> starts;
   store_.read([&](JobReader& reader) {
     queued = reader.queued();
+    starts = reader.last_starts();
     finished = reader.list({.state = JobState::Succeeded}, kNewest, kRememberedDurations);
     for (const JobState state : {JobState::Running, JobState::Cancelling})
       for (JobRecord& job : reader.list({.state = state}, kNewest, kAll)) held.push_back(std::move(job));
@@ -122,6 +126,8 @@ void JobManager::recover() {
     std::lock_guard lock(mutex_);
     for (const JobRecord& job : queued) waiting_.put(waiting(job));
     queued_ = waiting_.size();
+    // Whose turn it is goes on where it was: a restart gives nobody a second turn.
+    for (const LastStart& start : starts) waiting_.had_turn(start.submitter, start.priority);
     for (const JobRecord& job : finished)
       if (job.started && job.ended) durations_.add(*job.ended - *job.started);
   }

@@ -18,6 +18,14 @@ struct BlobRow {
   bool operator==(const BlobRow&) const = default;
 };
 
+/// When a submitter last had a job of this priority started.
+struct LastStart {
+  std::string submitter;
+  int priority = kDefaultPriority;
+  WallTime started{};
+  bool operator==(const LastStart&) const = default;
+};
+
 /// Which jobs a list is to have: those that fulfil every condition.
 struct JobFilter {
   std::optional<JobState> state = {};
@@ -34,6 +42,8 @@ class JobReader {
   virtual std::vector<JobRecord> list(const JobFilter& filter, std::int64_t before, int limit) = 0;
   /// All queued jobs by sequence, without their specification, labels and files.
   virtual std::vector<JobRecord> queued() = 0;
+  /// One for each submitter and priority of whose jobs any was ever started; the longest ago first.
+  virtual std::vector<LastStart> last_starts() = 0;
   virtual int count(JobState state) = 0;
   virtual int count_queued_of(const std::string& submitter) = 0;
   virtual std::optional<std::int64_t> blob_size(const std::string& digest) = 0;

@@ -102,6 +102,11 @@ std::optional<WaitingJob> WaitingList::next(WallTime now, SteadyTime steady,
   return chosen;
 }
 
+void WaitingList::had_turn(const std::string& submitter, int priority) {
+  submitters_[submitter].turn[std::clamp(priority, kLowestPriority, kHighestPriority)] = ++last_turn_;
+  if (submitters_.size() > kRememberedSubmitters) forget_idle_submitters();
+}
+
 void WaitingList::started(const std::string& id) {
   const auto found = jobs_.find(id);
   if (found == jobs_.end()) return;

@@ -37,7 +37,7 @@ struct FairnessRules {
 
 /// The queued jobs in the order in which they are to be started. Higher priorities first; within a priority the
 /// submitters take turns, one job each, whoever has waited longest for a turn first; within a submitter the older job
-/// first. Whose turn it is starts anew with the daemon.
+/// first.
 ///
 /// Has no lock and no clock of its own. put() and remove() find their place in logarithmic time and move what is behind
 /// it in the submitter's row; next() and position() go through the submitters.
@@ -53,6 +53,8 @@ class WaitingList {
 
   /// The job to start now: the first that is ready and for which `fits` says yes. `fits` must have no side effect.
   std::optional<WaitingJob> next(WallTime now, SteadyTime steady, const std::function<bool(const Demand&)>& fits);
+  /// This submitter had a turn, after all that are known: for what was started before this list was made.
+  void had_turn(const std::string& submitter, int priority);
   /// `id` has been started: its submitter had a turn, and what would have been before it has been overtaken. To be
   /// called with what next() returned, before remove().
   void started(const std::string& id);

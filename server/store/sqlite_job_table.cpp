@@ -184,6 +184,22 @@ std::vector<JobRecord> SqliteJobTable::queued() {
   return jobs;
 }
 
+std::vector<LastStart> SqliteJobTable::last_starts() {
+  Query query = database_.query(
+      "SELECT submitter, priority, max(started) AS last FROM job WHERE started IS NOT NULL GROUP BY submitter, "
+      "priority "
+      "ORDER BY last, submitter, priority");
+  std::vector<LastStart> starts;
+  while (query.step()) {
+    LastStart start;
+    start.submitter = query.text();
+    start.priority = static_cast<int>(query.integer());
+    start.started = wall_time(query.integer());
+    starts.push_back(std::move(start));
+  }
+  return starts;
+}
+
 int SqliteJobTable::count_queued_of(const std::string& submitter) {
   Query query = database_.query("SELECT count(*) FROM job WHERE state = 0 AND submitter = ?");
   query.bind(submitter);

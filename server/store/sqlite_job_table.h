@@ -13,6 +13,7 @@ class SqliteJobTable final : public JobTable {
   std::optional<JobRecord> find(const std::string& id) override;
   std::vector<JobRecord> list(const JobFilter& filter, std::int64_t before, int limit) override;
   std::vector<JobRecord> queued() override;
+  std::vector<LastStart> last_starts() override;
   int count(JobState state) override;
   int count_queued_of(const std::string& submitter) override;
   std::optional<std::int64_t> blob_size(const std::string& digest) override;

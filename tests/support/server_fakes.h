@@ -97,6 +97,18 @@ class MemoryTable final : public server::JobTable {
       if (job.state == JobState::Queued) found.push_back(job);
     return found;
   }
+  std::vector<server::LastStart> last_starts() override {
+    std::map<std::pair<std::string, int>, server::WallTime> last;
+    for (const auto& [sequence, job] : jobs_) {
+      if (!job.started) continue;
+      auto& time = last.try_emplace({job.submitter, job.priority}, *job.started).first->second;
+      time = std::max(time, *job.started);
+    }
+    std::vector<server::LastStart> starts;
+    for (const auto& [who, time] : last) starts.push_back({who.first, who.second, time});
+    std::stable_sort(starts.begin(), starts.end(), [](const auto& a, const auto& b) { return a.started < b.started; });
+    return starts;
+  }
   int count_queued_of(const std::string& submitter) override {
     return static_cast<int>(std::count_if(jobs_.begin(), jobs_.end(), [&](const auto& entry) {
       return entry.second.state == JobState::Queued && entry.second.submitter == submitter;

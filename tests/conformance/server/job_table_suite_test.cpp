@@ -6,6 +6,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <future>
 
 namespace saltus::server {
@@ -271,6 +272,128 @@ TYPED_TEST(JobTableSuite, KeepsABlobAsLongAsAJobRefersToIt) {
     EXPECT_EQ(table.blob_size("sha256:in"), 1);
     EXPECT_EQ(table.blob_size("sha256:out"), std::nullopt);
   });
+}
+
+WallTime at(int milliseconds) { return WallTime(std::chrono::milliseconds(milliseconds)); }
+
+std::vector<std::string> digests_of(const std::vector<BlobRow>& rows) {
+  std::vector<std::string> digests;
+  for (const BlobRow& row : rows) digests.push_back(row.digest);
+  return digests;
+}
+
+// What a check of the whole store goes by.
+TYPED_TEST(JobTableSuite, BlobsAreGoneThroughInPieces) {
+  this->write([](JobTable& table) {
+    for (const char* digest : {"sha256:c", "sha256:a", "sha256:d", "sha256:b"}) table.insert_blob(digest, 7, {});
+  });
+  const auto after = [&](const std::string& digest, int limit) {
+    return this->read([&](JobReader& reader) { return reader.blobs_after(digest, limit); });
+  };
+  EXPECT_THAT(digests_of(after("", 2)), ElementsAre("sha256:a", "sha256:b"));
+  EXPECT_THAT(digests_of(after("sha256:b", 2)), ElementsAre("sha256:c", "sha256:d"));
+  EXPECT_THAT(after("sha256:d", 2), IsEmpty());
+  EXPECT_EQ(after("sha256:c", 2).at(0), (BlobRow{"sha256:d", 7}));
+  // The place need not be that of a blob: what was there may be gone.
+  EXPECT_THAT(digests_of(after("sha256:bb", 10)), ElementsAre("sha256:c", "sha256:d"));
+}
+
+TYPED_TEST(JobTableSuite, ABlobIsMarkedSinceTheFirstLookThatFoundItUnused) {
+  JobRecord job;
+  job.id = "a";
+  job.inputs = {"sha256:in"};
+  this->write([&](JobTable& table) {
+    for (const char* digest : {"sha256:in", "sha256:out", "sha256:stand", "sha256:other"})
+      table.insert_blob(digest, 3, at(1));
+    table.insert(job);
+    job.artifacts = {{"out", "sha256:out", 3}};
+    job.checkpoint = Checkpoint{.digest = "sha256:stand", .size = 3};
+    table.update(job);
+    EXPECT_EQ(table.mark_unreferenced(at(10)), 1);
+    EXPECT_EQ(table.mark_unreferenced(at(20)), 0) << "noted before";
+  });
+  const auto marked_before = [&](int time, int limit = 10) {
+    return this->read([&](JobReader& reader) { return reader.unreferenced_since(at(time), limit); });
+  };
+  EXPECT_TRUE(this->read([](JobReader& reader) { return reader.is_marked_unreferenced("sha256:other"); }));
+  EXPECT_FALSE(this->read([](JobReader& reader) { return reader.is_marked_unreferenced("sha256:out"); }));
+  EXPECT_THAT(marked_before(10), IsEmpty());
+  EXPECT_THAT(marked_before(11), ElementsAre(BlobRow{"sha256:other", 3}));
+
+  this->write([&](JobTable& table) {
+    table.erase("a");
+    EXPECT_EQ(table.mark_unreferenced(at(30)), 3);
+  });
+  EXPECT_EQ(marked_before(31).size(), 4u);
+  EXPECT_EQ(marked_before(31, 2).size(), 2u);
+  EXPECT_THAT(marked_before(30), ElementsAre(BlobRow{"sha256:other", 3}));
+}
+
+TYPED_TEST(JobTableSuite, WhoeverAsksForABlobOrNeedsItTakesTheMarkAway) {
+  this->write([](JobTable& table) {
+    for (const char* digest : {"sha256:asked", "sha256:needed", "sha256:sent", "sha256:left"})
+      table.insert_blob(digest, 3, at(1));
+    EXPECT_EQ(table.mark_unreferenced(at(10)), 4);
+    table.unmark_unreferenced("sha256:asked");
+    table.insert_blob("sha256:sent", 3, at(20));
+    JobRecord job;
+    job.id = "a";
+    job.inputs = {"sha256:needed"};
+    table.insert(job);
+  });
+  const auto marked = this->read([](JobReader& reader) { return reader.unreferenced_since(at(100), 10); });
+  EXPECT_THAT(digests_of(marked), ElementsAre("sha256:left")) << "one that a job needs is never told";
+  this->write([](JobTable& table) {
+    EXPECT_EQ(table.mark_unreferenced(at(30)), 2) << "asked and sent, from now on";
+    EXPECT_FALSE(table.is_marked_unreferenced("sha256:needed"));
+    EXPECT_TRUE(table.erase_blob_if_unreferenced("sha256:left"));
+    EXPECT_FALSE(table.is_marked_unreferenced("sha256:left"));
+  });
+}
+
+TYPED_TEST(JobTableSuite, JobsThatEndedBeforeATimeAreTerminalOnes) {
+  const auto ended = [&](const std::string& id, JobState state, std::optional<int> time) {
+    JobRecord job = this->insert(id);
+    job.state = state;
+    if (time) job.ended = at(*time);
+    this->write([&](JobTable& table) { table.update(job); });
+  };
+  ended("succeeded", JobState::Succeeded, 10);
+  ended("failed", JobState::Failed, 20);
+  ended("cancelled", JobState::Cancelled, 30);
+  ended("running", JobState::Running, std::nullopt);
+  this->insert("queued");
+  const auto before = [&](int time, int limit) {
+    auto ids = this->read([&](JobReader& reader) { return reader.ended_before(at(time), limit); });
+    std::sort(ids.begin(), ids.end());
+    return ids;
+  };
+  EXPECT_THAT(before(10, 10), IsEmpty());
+  EXPECT_THAT(before(11, 10), ElementsAre("succeeded"));
+  EXPECT_THAT(before(1000, 10), ElementsAre("cancelled", "failed", "succeeded"));
+  EXPECT_EQ(before(1000, 2).size(), 2u);
+}
+
+TYPED_TEST(JobTableSuite, KnowsWhoStartedLastWithWhichPriority) {
+  int sequence = 0;
+  const auto add = [&](const std::string& submitter, int priority, std::optional<int> started) {
+    JobRecord job;
+    job.id = "job " + std::to_string(++sequence);
+    job.submitter = submitter;
+    job.priority = priority;
+    this->write([&](JobTable& table) {
+      table.insert(job);
+      if (started) job.started = at(*started);
+      table.update(job);
+    });
+  };
+  add("ann", 1, 50);
+  add("bob", 1, 20);
+  add("ann", 1, 10);
+  add("ann", 2, 30);
+  add("eve", 0, std::nullopt);
+  EXPECT_THAT(this->read([](JobReader& reader) { return reader.last_starts(); }),
+              ElementsAre(LastStart{"bob", 1, at(20)}, LastStart{"ann", 2, at(30)}, LastStart{"ann", 1, at(50)}));
 }
 
 }  // namespace

@@ -313,5 +313,26 @@ TEST_F(JobManagerTest, ADeletedJobIsNotWaitedFor) {
   EXPECT_EQ(manager->get(third).queue_position, 1);
 }
 
+TEST_F(JobManagerTest, ARestartGivesNobodyASecondTurn) {
+  const auto ask = [&](const std::string& submitter) {
+    NewJob job;
+    job.submitter = submitter;
+    return submit(job);
+  };
+  const auto ann1 = ask("ann"), ann2 = ask("ann"), ann3 = ask("ann"), bob1 = ask("bob"), bob2 = ask("bob");
+  std::vector<std::string> order;
+  for (int i = 0; i < 5; ++i) {
+    make_manager();
+    manager->recover();
+    settle();
+    const auto worker = launcher->started().back();
+    order.push_back(worker.key.job_id);
+    clock.advance(1s);
+    ASSERT_TRUE(complete(worker, Delivered{}));
+    launcher->end(worker.key, {WorkerExit::Kind::Exited, 0});
+  }
+  EXPECT_THAT(order, ::testing::ElementsAre(ann1, bob1, ann2, bob2, ann3));
+}
+
 }  // namespace
 }  // namespace saltus::server

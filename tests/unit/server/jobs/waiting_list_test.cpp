@@ -147,6 +147,18 @@ TEST_F(WaitingListTest, WhoDoesNotWaitHasNoPlace) {
   EXPECT_EQ(list.size(), 0);
 }
 
+TEST_F(WaitingListTest, WhoHadATurnBeforeTheListWasMadeWaitsForTheOthers) {
+  put("ann 1", "ann");
+  put("bob 1", "bob");
+  put("eve 1", "eve");
+  put("ann high", "ann", kHighestPriority);
+  put("bob high", "bob", kHighestPriority);
+  list.had_turn("bob", kDefaultPriority);
+  list.had_turn("ann", kDefaultPriority);
+  list.had_turn("ann", kHighestPriority);
+  for (const char* next : {"bob high", "ann high", "eve 1", "bob 1", "ann 1"}) EXPECT_EQ(start(), next);
+}
+
 // The oracle is the order in which the jobs really start.
 TEST_F(WaitingListTest, PositionsAreTheOrderOfTheStarts) {
   std::mt19937 random(4711);
