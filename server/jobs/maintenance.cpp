@@ -3,6 +3,12 @@
 #include "server/jobs/refusal.h"
 
 namespace saltus::server {
+namespace {
+
+// How long a daemon takes that goes down and comes back.
+constexpr std::chrono::milliseconds kRestart{5000};
+
+}  // namespace
 
 Maintenance::Maintenance(JobStore& rows, BlobStore& bytes, const Clock& clock, Retention retention, Intervals intervals,
                          std::function<void(const std::string&)> log)
@@ -22,7 +28,9 @@ Maintenance::~Maintenance() {
   changed_.notify_all();
   thread_.join();
   for (const Done& done : asked_)
-    done(std::make_exception_ptr(Refusal(RefusalKind::Unavailable, "DRAINING", "the daemon is shutting down")), {});
+    done(std::make_exception_ptr(
+             Refusal(RefusalKind::Unavailable, "DRAINING", "the daemon is shutting down; try again later", kRestart)),
+         {});
 }
 
 void Maintenance::collect(Done done) {

@@ -28,10 +28,12 @@ class StorageState {
   }
   static Refusal refusal() {
     return {RefusalKind::Unavailable, "STORE_UNAVAILABLE",
-            "the daemon's disk has failed, so it only reads; see its log, repair the disk and start it again"};
+            "the daemon's disk has failed, so it only reads; see its log, repair the disk and start it again", kRetry};
   }
 
  private:
+  // Somebody may be starting it again, and a worker must not miss that while its lease lasts.
+  static constexpr std::chrono::milliseconds kRetry{5000};
   const std::function<void(const std::string&)> on_failed_;
   std::atomic<bool> has_failed_{false};
 };
