@@ -77,7 +77,10 @@ Daemon::Daemon(const DaemonSettings& settings, std::function<void(const std::str
   ListenAddress listen = settings.listen;
   const bool is_socket = listen.kind == ListenAddress::Kind::UnixSocket;
   if (is_socket) require_nobody_listens(listen.path);
-  RpcSettings rpc{listen.to_text(), {}, settings.tls, roles_, settings.version, &observation_};
+  RpcSettings rpc{listen.to_text(), {},
+                  settings.tls,     roles_,
+                  settings.version, {settings.jobs.queue.max_queued_of_submitter, settings.upload_quota},
+                  &observation_};
   for (const ListenAddress& address : settings.protected_listen) rpc.protected_addresses.push_back(address.to_text());
   rpc_ = std::make_unique<RpcServer>(rpc, *jobs_, *blobs_, *maintenance_, stalls_, ids_);
   if (is_socket) restrict_socket(listen.path);

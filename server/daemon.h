@@ -37,6 +37,7 @@ struct DaemonSettings {
   std::filesystem::path worker;  ///< the worker's program
   ManagerSettings jobs;
   ReserveSettings reserve;
+  std::int64_t upload_quota = 0;  ///< bytes of blobs that one submitter may have; 0: no limit
   Retention retention;
   Maintenance::Intervals maintenance;
   std::string version;

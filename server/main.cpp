@@ -80,6 +80,8 @@ DaemonSettings settings_of(const Config& config) {
   settings.jobs.heartbeat_interval =
       std::min<std::chrono::milliseconds>(std::chrono::milliseconds(500), config.lease / 4);
   settings.jobs.queue.max_queued = limits::kQueuedJobs;
+  settings.jobs.queue.max_queued_of_submitter = config.queue_per_submitter;
+  settings.upload_quota = config.upload_quota;
   return settings;
 }
 

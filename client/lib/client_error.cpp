@@ -21,6 +21,17 @@ ClientError::RetryAfter milliseconds(const std::string& text) {
   return std::chrono::milliseconds(count);
 }
 
+/// A call that was refused before the daemon saw it has no trailers: its reason ends the message, as "... [REASON]".
+/// Takes it from there.
+std::string take_reason(std::string& message) {
+  const auto begin = message.rfind(" [");
+  if (begin == std::string::npos || !message.ends_with(']')) return "";
+  const std::string word = message.substr(begin + 2, message.size() - begin - 3);
+  if (word.empty() || word.find_first_not_of("ABCDEFGHIJKLMNOPQRSTUVWXYZ_") != std::string::npos) return "";
+  message.erase(begin);
+  return word;
+}
+
 }  // namespace
 
 ClientError error_of(const grpc::Status& status, const grpc::ClientContext& context, const std::string& address) {
@@ -33,7 +44,14 @@ ClientError error_of(const grpc::Status& status, const grpc::ClientContext& cont
             "no saltusd answers at " + address + " (" + status.error_message() + "); is it running?"};
   if (status.error_code() == grpc::StatusCode::DEADLINE_EXCEEDED)
     return {status.error_code(), reason, "saltusd at " + address + " did not answer in time"};
-  return {status.error_code(), reason, status.error_message(), retry_after};
+  std::string message = status.error_message();
+  const bool is_gate = status.error_code() == grpc::StatusCode::PERMISSION_DENIED ||
+                       status.error_code() == grpc::StatusCode::UNAUTHENTICATED;
+  if (is_gate && reason.empty()) {
+    const std::string word = take_reason(message);
+    return {status.error_code(), word, message, retry_after};
+  }
+  return {status.error_code(), reason, message, retry_after};
 }
 
 }  // namespace saltus::client

@@ -1,7 +1,8 @@
 #include "server/config/config.h"
 
 #include "core/support/errors.h"
-#include "server/config/disk_reserve_text.h"
+#include "server/config/size_text.h"
+#include "server/rpc/limits.h"
 
 #include <CLI/CLI.hpp>
 
@@ -133,6 +134,15 @@ ParsedConfig parse_config(int argc, char** argv) {
          "What uploads leave free on the disk: bytes, MiB or GiB as 512M or 4G, or a share as 10% [the larger of "
          "5% and 2G]")
       ->type_name("SIZE");
+  app.add_option("--queue-per-submitter", config.queue_per_submitter,
+                 "Queued jobs of one submitter who comes over TLS; 0 sets no limit")
+      ->check(CLI::Range(0, limits::kQueuedJobs))
+      ->capture_default_str();
+  std::string upload_quota = "100G";
+  app.add_option("--upload-quota", upload_quota,
+                 "What one submitter who comes over TLS may have uploaded: bytes, 512M or 4G; 0 sets no limit")
+      ->type_name("SIZE")
+      ->capture_default_str();
   app.add_option("--retry-seconds", retry_seconds, "Before a lost job is tried again; four times as long the next time")
       ->check(CLI::Range(0.0, 3600.0))
       ->capture_default_str();
@@ -172,6 +182,7 @@ ParsedConfig parse_config(int argc, char** argv) {
   config.worker = worker.empty() ? default_worker() : fs::absolute(worker);
   require_program(config.worker);
   if (!reserve.empty()) config.reserve = parse_reserve(reserve);
+  config.upload_quota = parse_size("--upload-quota", upload_quota);
   config.retention = {std::chrono::hours(24 * input_days), std::chrono::hours(24 * result_days),
                       std::chrono::hours(upload_hours)};
   config.lease = milliseconds(lease_seconds);

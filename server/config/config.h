@@ -29,6 +29,8 @@ struct Config {
   std::chrono::milliseconds lease{};
   std::chrono::milliseconds checkpoint_interval{};
   ReserveSettings reserve;
+  int queue_per_submitter = 1000;  ///< queued jobs of one who comes over TLS; 0: no limit
+  std::int64_t upload_quota = 0;   ///< bytes of blobs of the same; 0: no limit
   Retention retention;
   bool fsck = false;  ///< check the folder and end
   std::chrono::milliseconds retry_delay{};

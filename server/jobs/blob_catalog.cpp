@@ -39,7 +39,19 @@ bool BlobCatalog::has(const std::string& digest, std::int64_t size) {
   return known == size && bytes_.holds(digest, size);
 }
 
-std::unique_ptr<BlobUpload> BlobCatalog::begin(const UploadPlan& plan) { return bytes_.begin(plan); }
+std::unique_ptr<BlobUpload> BlobCatalog::begin(const UploadPlan& plan) {
+  UploadQuota::Claim claim;
+  if (plan.quota > 0)
+    claim = quota_.claim(plan.owner, plan.size, plan.quota, [&] {
+      // What is parked meanwhile still has its claim, and what is stored meanwhile too.
+      std::int64_t bytes = bytes_.waiting_beside(plan);
+      rows_.read([&](JobReader& reader) { bytes += reader.blob_bytes_of(plan.owner); });
+      return bytes;
+    });
+  auto upload = bytes_.begin(plan);
+  upload->claim = std::move(claim);
+  return upload;
+}
 
 std::int64_t BlobCatalog::committed(const UploadPlan& plan) { return bytes_.committed(plan); }
 
@@ -48,7 +60,7 @@ void BlobCatalog::commit(std::shared_ptr<BlobUpload> upload, JobStore::Done done
   rows_.write(
       [this, upload](JobTable& table) {
         bytes_.publish(*upload);
-        table.insert_blob(upload->digest(), upload->size(), clock_.wall());
+        table.insert_blob(upload->digest(), upload->size(), clock_.wall(), upload->owner());
       },
       std::move(done));
 }

@@ -3,6 +3,7 @@
 #include "server/jobs/blob_store.h"
 #include "server/jobs/clock.h"
 #include "server/jobs/job_store.h"
+#include "server/jobs/upload_quota.h"
 
 #include <memory>
 #include <string>
@@ -20,10 +21,12 @@ class BlobCatalog {
   std::vector<std::string> missing(const std::vector<std::string>& digests);
   /// Blocks.
   bool has(const std::string& digest, std::int64_t size);
-  /// As BlobStore::begin. Blocks.
+  /// As BlobStore::begin; throws Exhausted QUOTA when the blob is more than the plan's owner may have. Blocks.
   std::unique_ptr<BlobUpload> begin(const UploadPlan& plan);
   /// As BlobStore::committed: how many bytes of an upload that has not become a blob are safe. Blocks.
   std::int64_t committed(const UploadPlan& plan);
+  /// As BlobStore::require_room. Does not wait for anything but the file system's own numbers.
+  void require_room() { bytes_.require_room(); }
   /// Makes a sealed upload a blob; `done` as in JobStore::write.
   void commit(std::shared_ptr<BlobUpload> upload, JobStore::Done done);
   /// Blocks. Throws NotFound BLOB_NOT_FOUND.
@@ -35,6 +38,7 @@ class BlobCatalog {
   JobStore& rows_;
   BlobStore& bytes_;
   const Clock& clock_;
+  UploadQuota quota_;
 };
 
 }  // namespace saltus::server

@@ -18,6 +18,8 @@ struct UploadPlan {
   std::int64_t size = 0;    ///< of the whole blob
   std::string id;           ///< letters, digits, '-' and '_': the upload can be continued by this name; "" it cannot
   std::int64_t offset = 0;  ///< where the bytes to come begin
+  std::string owner = {};   ///< who alone can go on with it, and whose bytes they are; "": anybody on this machine
+  std::int64_t quota = 0;   ///< bytes that the owner may have on the server; 0: no limit
 };
 
 /// Bytes on their way in. Discarded on destruction unless published or parked. One thread at a time.
@@ -26,6 +28,7 @@ class BlobUpload {
   virtual ~BlobUpload() = default;
   virtual const std::string& digest() const = 0;
   virtual std::int64_t size() const = 0;  ///< as announced
+  virtual const std::string& owner() const = 0;
   /// Reads again what earlier streams left, at most `budget` bytes of it, for the digest. True when all was read; only
   /// then bytes can be appended.
   virtual bool prepare(std::int64_t budget) = 0;
@@ -37,6 +40,8 @@ class BlobUpload {
   /// Checks size and digest, and makes the bytes durable. Throws Refusal DIGEST_MISMATCH, after which nothing is left,
   /// or SIZE_MISMATCH.
   virtual void seal() = 0;
+
+  std::shared_ptr<void> claim;  ///< on the owner's quota, until the upload is over
 };
 
 /// Bytes on their way out, in order. The content is checked against its digest on the way: the piece with the last byte
@@ -62,6 +67,10 @@ class BlobStore {
   virtual std::unique_ptr<BlobUpload> begin(const UploadPlan& plan) = 0;
   /// How many bytes of an upload are durable; 0 for one that nobody knows.
   virtual std::int64_t committed(const UploadPlan& plan) = 0;
+  /// Bytes of the plan's owner that wait to be continued, of other uploads than the plan's.
+  virtual std::int64_t waiting_beside(const UploadPlan& plan) = 0;
+  /// Throws Refusal STORAGE_FULL when the disk has no more than its reserve.
+  virtual void require_room() = 0;
   /// Gives a sealed upload its final name, durably.
   virtual void publish(BlobUpload& upload) = 0;
   /// The bytes are there with this size.

@@ -103,6 +103,7 @@ struct NewJob {
   int priority = kDefaultPriority;
   std::int64_t memory_bytes = 0;  ///< 0: the daemon's default
   JobLimits limits = {};
+  bool has_quota = true;  ///< the limit of one submitter holds for it
 };
 
 enum class JobStage { Unknown, Fetching, Validating, Optimising, Writing };

@@ -173,7 +173,7 @@ void JobManager::submit(const NewJob& job, Reply<JobView> reply) {
   if (is_paused_) throw paused();
   require_room(job);
   write_change(
-      "", [this, job](JobTable& table) { return queue_.submit(table, job); },
+      "", [this, job](JobTable& table) { return queue_.submit(table, job, [this] { blobs_.require_room(); }); },
       [this, reply = std::move(reply)](std::exception_ptr error, const Change& change) {
         reply(error, error ? JobView{} : view(*change.job));
       });
@@ -186,7 +186,7 @@ void JobManager::submit_all(const std::vector<NewJob>& jobs, Reply<std::vector<J
   auto made = std::make_shared<std::vector<JobRecord>>();
   store_.write(
       [this, jobs, made](JobTable& table) {
-        for (const NewJob& job : jobs) made->push_back(queue_.submit(table, job));
+        for (const NewJob& job : jobs) made->push_back(queue_.submit(table, job, [this] { blobs_.require_room(); }));
       },
       [this, made, reply = std::move(reply)](std::exception_ptr error) {
         if (error) return reply(error, {});

@@ -111,7 +111,7 @@ void require_owner(const JobRecord& job, const std::string& submitter) {
   if (job.submitter != submitter) throw job_not_found(job.id);
 }
 
-JobRecord JobQueue::submit(JobTable& table, const NewJob& asked) const {
+JobRecord JobQueue::submit(JobTable& table, const NewJob& asked, const std::function<void()>& require_room) const {
   if (!asked.request_id.empty()) {
     if (auto earlier = table.find_request(asked.submitter, asked.request_id)) {
       if (earlier->request_hash == asked.request_hash) return *std::move(earlier);
@@ -126,11 +126,12 @@ JobRecord JobQueue::submit(JobTable& table, const NewJob& asked) const {
         "the queue holds " + std::to_string(limits_.max_queued) + " jobs, which is its limit; try again later",
         kQueueRetry);
   const int own_limit = limits_.max_queued_of_submitter;
-  if (own_limit > 0 && table.count_queued_of(asked.submitter) >= own_limit)
+  if (asked.has_quota && own_limit > 0 && table.count_queued_of(asked.submitter) >= own_limit)
     throw Refusal(RefusalKind::Exhausted, "QUOTA",
                   "'" + asked.submitter + "' has " + std::to_string(own_limit) +
                       " queued jobs, which is the limit of one submitter; try again when some have started",
                   kQueueRetry);
+  require_room();
   std::vector<std::string> missing;
   for (const std::string& digest : asked.inputs)
     if (!table.blob_size(digest) && std::find(missing.begin(), missing.end(), digest) == missing.end())

@@ -5,6 +5,7 @@
 #include "server/jobs/job.h"
 #include "server/jobs/job_store.h"
 
+#include <functional>
 #include <optional>
 #include <string>
 #include <variant>
@@ -16,7 +17,7 @@ struct QueueLimits {
   int max_queued = 10000;
   int max_attempts = 3;             ///< lost attempts after which a job is given up
   int max_crashes = 2;              ///< deaths by a signal after which a job counts as poison
-  int max_queued_of_submitter = 0;  ///< 0: no limit but max_queued
+  int max_queued_of_submitter = 0;  ///< for jobs that have a quota; 0: no limit but max_queued
   /// Before the second attempt; four times as long before each one after it.
   std::chrono::milliseconds retry_delay{5000};
 };
@@ -54,7 +55,9 @@ class JobQueue {
 
   /// Appends a job. With a request_id seen before: the job made then, or ALREADY_EXISTS when it was for another
   /// content.
-  JobRecord submit(JobTable& table, const NewJob& job) const;
+  /// `require_room` is asked before anything new is kept; it throws when there is no room.
+  JobRecord submit(
+      JobTable& table, const NewJob& job, const std::function<void()>& require_room = [] {}) const;
 
   struct Taken {
     JobRecord job;

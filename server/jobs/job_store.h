@@ -46,6 +46,8 @@ class JobReader {
   virtual std::vector<LastStart> last_starts() = 0;
   virtual int count(JobState state) = 0;
   virtual int count_queued_of(const std::string& submitter) = 0;
+  /// Of all blobs that `owner` was the first to upload.
+  virtual std::int64_t blob_bytes_of(const std::string& owner) = 0;
   virtual std::optional<std::int64_t> blob_size(const std::string& digest) = 0;
   /// In the order of their digests: those after `after`, at most `limit`.
   virtual std::vector<BlobRow> blobs_after(const std::string& after, int limit) = 0;
@@ -66,8 +68,10 @@ class JobTable : public JobReader {
   /// Replaces what may change: state, attempts, times, failure, artefacts, checkpoint. Raises the revision of `job`.
   virtual void update(JobRecord& job) = 0;
   virtual void erase(const std::string& id) = 0;
-  /// One that is there stays, and counts as used just now.
-  virtual void insert_blob(const std::string& digest, std::int64_t size, WallTime now) = 0;
+  /// One that is there stays, with its owner, and counts as used just now. `owner`: who has uploaded it; "": nobody
+  /// whose bytes are counted.
+  virtual void insert_blob(const std::string& digest, std::int64_t size, WallTime now,
+                           const std::string& owner = "") = 0;
   /// Notes `now` for blobs that no job refers to, unless it was noted before; takes the note from those that are
   /// referred to. Returns how many were noted.
   virtual int mark_unreferenced(WallTime now) = 0;

@@ -29,6 +29,12 @@ grpc::Status denied(const Caller& caller, std::string_view method) {
               std::string(method) + "; an administrator can change the daemon's roles file"};
 }
 
+/// gRPC 1.51 sends nothing but code and sentence for a call that is refused here, so the reason for programs ends the
+/// sentence.
+grpc::Status with_reason(const grpc::Status& status, const std::string& reason) {
+  return {status.error_code(), status.error_message() + " [" + reason + "]"};
+}
+
 class Gate final : public grpc::AuthMetadataProcessor {
  public:
   explicit Gate(Authorisation authorisation) : authorisation_(std::move(authorisation)) {}
@@ -41,10 +47,12 @@ class Gate final : public grpc::AuthMetadataProcessor {
     const std::string_view method =
         path == metadata.end() ? std::string_view() : std::string_view(path->second.data(), path->second.size());
     if (!context || !context->IsPeerAuthenticated())
-      return {grpc::StatusCode::UNAUTHENTICATED, "the certificate names nobody; give it an alternative or common name"};
+      return with_reason(
+          {grpc::StatusCode::UNAUTHENTICATED, "the certificate names nobody; give it an alternative or common name"},
+          "NO_IDENTITY");
     const Caller caller = authorisation_.remote_caller(*context);
     if (caller.scope(method) != Scope::None) return grpc::Status::OK;
-    const grpc::Status status = denied(caller, method);
+    const grpc::Status status = with_reason(denied(caller, method), "ROLE_LACKS_RIGHT");
     authorisation_.tell_denied(caller, method, status);
     return status;
   }
@@ -54,6 +62,8 @@ class Gate final : public grpc::AuthMetadataProcessor {
 };
 
 }  // namespace
+
+std::string Caller::limited_as() const { return is_local || roles.contains(Role::Worker) ? "" : identity; }
 
 Scope Caller::scope(std::string_view method) const {
   const MethodRule* rule = find_rule(method);

@@ -20,6 +20,11 @@ struct Caller {
   Roles roles;           ///< empty for a local caller
   bool is_local = true;  ///< over the unix socket or the unprotected loopback port: may do everything
 
+  /// Whom the limits of one submitter are counted for; "" for those who have none: everybody on this machine, who are
+  /// not told apart, and workers, who do what others have asked for.
+  std::string limited_as() const;
+  /// Whose uploads these are; "" for everybody on this machine.
+  std::string owner() const { return is_local ? "" : identity; }
   /// How far this caller's right to `method` reaches; None when it has no rule.
   Scope scope(std::string_view method) const;
   /// Whose jobs `method` may touch: nothing means everybody's. Throws Refusal ROLE_LACKS_RIGHT when the caller has no

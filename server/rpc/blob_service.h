@@ -1,6 +1,7 @@
 #pragma once
 
 #include "server/jobs/blob_catalog.h"
+#include "server/rpc/authorisation.h"
 #include "server/rpc/stall_watch.h"
 #include "server/rpc/stream_gate.h"
 #include "server/rpc/task_pool.h"
@@ -12,8 +13,9 @@ namespace saltus::server {
 /// Uploads and downloads. Never blocks a callback thread; each stream has one message in memory.
 class BlobServiceImpl final : public v1::BlobService::CallbackService {
  public:
-  /// `transfers` does what takes long, `pool` the rest.
-  BlobServiceImpl(BlobCatalog& blobs, TaskPool& pool, TaskPool& transfers, StallWatch& stalls);
+  /// `transfers` does what takes long, `pool` the rest. `upload_quota`: bytes that one submitter may have; 0: no limit.
+  BlobServiceImpl(BlobCatalog& blobs, const Authorisation& authorisation, std::int64_t upload_quota, TaskPool& pool,
+                  TaskPool& transfers, StallWatch& stalls);
 
   grpc::ServerUnaryReactor* FindMissingBlobs(grpc::CallbackServerContext*, const v1::FindMissingBlobsRequest*,
                                              v1::FindMissingBlobsResponse*) override;
@@ -26,6 +28,8 @@ class BlobServiceImpl final : public v1::BlobService::CallbackService {
 
  private:
   BlobCatalog& blobs_;
+  const Authorisation& authorisation_;
+  const std::int64_t upload_quota_;
   TaskPool& pool_;
   TaskPool& transfers_;
   StallWatch& stalls_;

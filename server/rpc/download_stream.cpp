@@ -17,9 +17,10 @@ constexpr std::int64_t kSkipBytes = 8 << 20;
 class DownloadStream final : public PooledWriter<v1::ReadBlobResponse> {
  public:
   DownloadStream(BlobCatalog& blobs, TaskPool& pool, StreamGate& gate, StallWatch& stalls,
-                 grpc::CallbackServerContext& context, const v1::ReadBlobRequest& request)
+                 grpc::CallbackServerContext& context, const v1::ReadBlobRequest& request,
+                 const std::string& limited_as)
       : PooledWriter(pool, stalls, context), blobs_(blobs), digest_(request.digest()), offset_(request.offset()) {
-    begin(gate, [&] { validate(request); });
+    begin(gate, limited_as, [&] { validate(request); });
   }
 
  private:
@@ -58,8 +59,9 @@ class DownloadStream final : public PooledWriter<v1::ReadBlobResponse> {
 
 grpc::ServerWriteReactor<v1::ReadBlobResponse>* send_blob(BlobCatalog& blobs, TaskPool& pool, StreamGate& gate,
                                                           StallWatch& stalls, grpc::CallbackServerContext& context,
-                                                          const v1::ReadBlobRequest& request) {
-  return new DownloadStream(blobs, pool, gate, stalls, context, request);
+                                                          const v1::ReadBlobRequest& request,
+                                                          const std::string& limited_as) {
+  return new DownloadStream(blobs, pool, gate, stalls, context, request, limited_as);
 }
 
 }  // namespace saltus::server

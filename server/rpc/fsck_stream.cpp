@@ -30,7 +30,7 @@ class FsckStream final : public PooledWriter<v1::FsckResponse> {
   FsckStream(Maintenance& maintenance, TaskPool& pool, StreamGate& gate, StallWatch& stalls,
              grpc::CallbackServerContext& context)
       : PooledWriter(pool, stalls, context), maintenance_(maintenance) {
-    begin(gate, [] {});
+    begin(gate, "", [] {});
   }
 
  private:

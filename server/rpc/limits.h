@@ -22,6 +22,10 @@ constexpr int kDigestsPerCall = 1000;
 constexpr int kWatchStreams = 256;
 constexpr int kUploadStreams = 16;
 constexpr int kDownloadStreams = 32;
+// Of one identity, so that nobody takes all places.
+constexpr int kWatchStreamsOfOne = 64;
+constexpr int kUploadStreamsOfOne = 8;
+constexpr int kDownloadStreamsOfOne = 8;
 constexpr std::chrono::seconds kStalledStream{60};  // a transfer that has not moved for so long is cut off
 
 constexpr std::size_t kRequestIdBytes = 36;
@@ -39,3 +43,13 @@ constexpr std::int64_t kLimitSeconds = 366 * 24 * 3600;
 constexpr int kMinPingIntervalMilliseconds = 10000;
 
 }  // namespace saltus::server::limits
+
+namespace saltus::server {
+
+/// What one submitter who comes over TLS may have, as the daemon was told. 0: no limit.
+struct SubmitterLimits {
+  int queued_jobs = 0;
+  std::int64_t upload_bytes = 0;  ///< of blobs on the server and on their way there
+};
+
+}  // namespace saltus::server

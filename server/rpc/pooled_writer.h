@@ -34,12 +34,13 @@ class PooledWriter : public grpc::ServerWriteReactor<Response> {
   /// Gives back what the stream holds of others: the client must find it free when it has the answer.
   virtual void release() = 0;
 
-  /// Takes a place at `gate` and prepares; when that throws, the stream ends with it, else the first step follows.
+  /// Takes a place at `gate` under `name` and prepares; when that throws, the stream ends with it, else the first step
+  /// follows.
   template <class Prepare>
-  void begin(StreamGate& gate, Prepare&& prepare) {
+  void begin(StreamGate& gate, const std::string& name, Prepare&& prepare) {
     try {
       prepare();
-      pass_ = gate.enter();
+      pass_ = gate.enter(name);
     } catch (...) {
       return finish(std::current_exception());
     }

@@ -27,7 +27,11 @@ int page_size_of(const v1::ListRegistrationJobsRequest& request) {
 
 RegistrationServiceImpl::RegistrationServiceImpl(JobManager& jobs, const IdSource& ids,
                                                  const Authorisation& authorisation, TaskPool& pool)
-    : jobs_(jobs), ids_(ids), authorisation_(authorisation), pool_(pool), watchers_("watch", limits::kWatchStreams) {}
+    : jobs_(jobs),
+      ids_(ids),
+      authorisation_(authorisation),
+      pool_(pool),
+      watchers_("watch", limits::kWatchStreams, limits::kWatchStreamsOfOne) {}
 
 std::optional<std::string> RegistrationServiceImpl::owner(const grpc::CallbackServerContext& context,
                                                           const char* method) const {
@@ -43,7 +47,9 @@ NewJob RegistrationServiceImpl::new_job(const grpc::CallbackServerContext& conte
                                         const v1::CreateRegistrationJobRequest& request) const {
   std::string content;
   NewJob job = from_message(request, content);
-  job.submitter = authorisation_.caller_of(context).identity;
+  const Caller caller = authorisation_.caller_of(context);
+  job.submitter = caller.identity;
+  job.has_quota = !caller.limited_as().empty();
   job.request_hash = ids_.fingerprint(content);
   return job;
 }
@@ -162,8 +168,10 @@ grpc::ServerUnaryReactor* RegistrationServiceImpl::DeleteRegistrationJob(
 
 grpc::ServerWriteReactor<v1::WatchRegistrationJobResponse>* RegistrationServiceImpl::WatchRegistrationJob(
     grpc::CallbackServerContext* context, const v1::WatchRegistrationJobRequest* request) {
-  return watch_job(jobs_, pool_, watchers_, *context, request->id(),
-                   [this, context] { return owner(*context, "WatchRegistrationJob"); });
+  return watch_job(
+      jobs_, pool_, watchers_, *context, request->id(),
+      [this, context] { return owner(*context, "WatchRegistrationJob"); },
+      authorisation_.caller_of(*context).limited_as());
 }
 
 }  // namespace saltus::server

@@ -40,8 +40,8 @@ RpcServer::RpcServer(const RpcSettings& settings, JobManager& jobs, BlobCatalog&
       pool_(kPoolThreads),
       transfers_(kTransferThreads),
       registration_(jobs, ids, authorisation_, pool_),
-      blobs_(blobs, pool_, transfers_, stalls),
-      info_(jobs, settings.version),
+      blobs_(blobs, authorisation_, settings.limits.upload_bytes, pool_, transfers_, stalls),
+      info_(jobs, settings.version, settings.limits),
       worker_(jobs, pool_),
       admin_(jobs, maintenance, transfers_, stalls, [this](bool is_draining) {
         server_->GetHealthCheckService()->SetServingStatus(v1::RegistrationService::service_full_name(),

@@ -33,6 +33,7 @@ struct RpcSettings {
   TlsFiles tls;                                  ///< for these
   std::shared_ptr<const RolesFile> roles;        ///< of those who come over them; null: nobody has a right
   std::string version;
+  SubmitterLimits limits;
   CallObserver* observer = nullptr;  ///< must outlive the server
 };
 

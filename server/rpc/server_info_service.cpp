@@ -28,6 +28,11 @@ grpc::ServerUnaryReactor* ServerInfoServiceImpl::GetServerInfo(grpc::CallbackSer
     info->set_thread_budget(threads == std::numeric_limits<int>::max() ? 0 : threads);
     info->set_memory_budget_bytes(jobs_.counts_memory() ? jobs_.budget().memory_bytes : 0);
     info->set_max_batch_jobs(limits::kBatchJobs);
+    info->set_max_queued_jobs_of_submitter(limits_.queued_jobs);
+    info->set_max_upload_bytes_of_submitter(limits_.upload_bytes);
+    info->set_max_upload_streams_of_submitter(limits::kUploadStreamsOfOne);
+    info->set_max_download_streams_of_submitter(limits::kDownloadStreamsOfOne);
+    info->set_max_watchers_of_submitter(limits::kWatchStreamsOfOne);
   });
 }
 

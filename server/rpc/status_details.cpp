@@ -64,6 +64,10 @@ std::string encode(const StatusDetails& details) {
     const std::string violation = Fields().text(1, field).text(2, description).bytes();
     status.text(3, detail("BadRequest", Fields().text(1, violation).bytes()));
   }
+  if (details.exhausted) {
+    const std::string violation = Fields().text(1, *details.exhausted).text(2, details.message).bytes();
+    status.text(3, detail("QuotaFailure", Fields().text(1, violation).bytes()));
+  }
   if (!details.missing.empty()) {
     Fields failure;
     for (const std::string& digest : details.missing)

@@ -52,12 +52,22 @@ StatusDetails fault(const std::string& what) {
   return details;
 }
 
+/// Whose measure is full.
+std::string subject_of(const std::string& reason) {
+  if (reason == "QUOTA") return "submitter";
+  if (reason == "QUEUE_FULL") return "queue";
+  if (reason == "TOO_MANY_STREAMS") return "streams";
+  if (reason == "STORAGE_FULL") return "disk";
+  return "daemon";
+}
+
 StatusDetails details_of(const Refusal& refusal) {
   StatusDetails details;
   details.code = code_of(refusal.kind());
   details.reason = refusal.reason();
   details.message = refusal.what();
   details.retry_after = refusal.retry_after();
+  if (refusal.kind() == RefusalKind::Exhausted) details.exhausted = subject_of(refusal.reason());
   return details;
 }
 

@@ -19,10 +19,15 @@ constexpr std::int64_t kPrepareBytes = 8 << 20;
 class UploadStream final : public grpc::ServerReadReactor<v1::WriteBlobRequest> {
  public:
   UploadStream(BlobCatalog& blobs, TaskPool& pool, StreamGate& gate, StallWatch& stalls,
-               grpc::CallbackServerContext& context, v1::WriteBlobResponse& response)
-      : blobs_(blobs), pool_(pool), context_(context), stall_(stalls, context), response_(response) {
+               grpc::CallbackServerContext& context, v1::WriteBlobResponse& response, Uploader uploader)
+      : blobs_(blobs),
+        pool_(pool),
+        context_(context),
+        stall_(stalls, context),
+        response_(response),
+        uploader_(std::move(uploader)) {
     try {
-      pass_ = gate.enter();
+      pass_ = gate.enter(uploader_.limited_as);
     } catch (...) {
       finish(std::current_exception());
       return;
@@ -66,7 +71,8 @@ class UploadStream final : public grpc::ServerReadReactor<v1::WriteBlobRequest> 
     response_.set_digest(request_.digest());
     response_.set_size(request_.size());
     if (blobs_.has(request_.digest(), request_.size())) return finish(nullptr);
-    upload_ = blobs_.begin({request_.digest(), request_.size(), request_.upload_id(), request_.write_offset()});
+    upload_ = blobs_.begin({request_.digest(), request_.size(), request_.upload_id(), request_.write_offset(),
+                            uploader_.owner, uploader_.quota});
     prepare();
   }
 
@@ -112,6 +118,7 @@ class UploadStream final : public grpc::ServerReadReactor<v1::WriteBlobRequest> 
   grpc::CallbackServerContext& context_;
   StallWatch::Stream stall_;
   v1::WriteBlobResponse& response_;
+  const Uploader uploader_;
   StreamGate::Pass pass_;
   v1::WriteBlobRequest request_;
   std::shared_ptr<BlobUpload> upload_;
@@ -122,8 +129,8 @@ class UploadStream final : public grpc::ServerReadReactor<v1::WriteBlobRequest> 
 
 grpc::ServerReadReactor<v1::WriteBlobRequest>* receive_blob(BlobCatalog& blobs, TaskPool& pool, StreamGate& gate,
                                                             StallWatch& stalls, grpc::CallbackServerContext& context,
-                                                            v1::WriteBlobResponse& response) {
-  return new UploadStream(blobs, pool, gate, stalls, context, response);
+                                                            v1::WriteBlobResponse& response, Uploader uploader) {
+  return new UploadStream(blobs, pool, gate, stalls, context, response, std::move(uploader));
 }
 
 }  // namespace saltus::server

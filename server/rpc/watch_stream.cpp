@@ -20,12 +20,12 @@ class WatchStream final : public grpc::ServerWriteReactor<Response>, public std:
   WatchStream(JobManager& jobs, TaskPool& pool, grpc::CallbackServerContext& context)
       : jobs_(jobs), pool_(pool), context_(context) {}
 
-  void start(StreamGate& gate, const std::string& id, const OwnerOf& owner) {
+  void start(StreamGate& gate, const std::string& id, const OwnerOf& owner, const std::string& limited_as) {
     self_ = shared_from_this();
     try {
       validate_job_id(id);
       owner_ = owner();
-      pass_ = gate.enter();
+      pass_ = gate.enter(limited_as);
     } catch (...) {
       return finish(std::current_exception());
     }
@@ -152,9 +152,9 @@ class WatchStream final : public grpc::ServerWriteReactor<Response>, public std:
 
 grpc::ServerWriteReactor<Response>* watch_job(JobManager& jobs, TaskPool& pool, StreamGate& gate,
                                               grpc::CallbackServerContext& context, const std::string& id,
-                                              OwnerOf owner) {
+                                              OwnerOf owner, const std::string& limited_as) {
   const auto stream = std::make_shared<WatchStream>(jobs, pool, context);
-  stream->start(gate, id, owner);
+  stream->start(gate, id, owner, limited_as);
   return stream.get();
 }
 

@@ -29,6 +29,8 @@ class BlobDirectory final : public BlobStore {
 
   std::unique_ptr<BlobUpload> begin(const UploadPlan& plan) override;
   std::int64_t committed(const UploadPlan& plan) override;
+  std::int64_t waiting_beside(const UploadPlan& plan) override { return uploads_.waiting_beside(plan); }
+  void require_room() override { reserve_.require_room(); }
   void publish(BlobUpload& upload) override;
   bool holds(const std::string& digest, std::int64_t size) const override;
   std::unique_ptr<BlobReader> open(const std::string& digest, std::int64_t size) override;

@@ -17,6 +17,7 @@ class FileUpload final : public BlobUpload {
 
   const std::string& digest() const override { return plan_.digest; }
   std::int64_t size() const override { return plan_.size; }
+  const std::string& owner() const override { return plan_.owner; }
   bool prepare(std::int64_t budget) override;
   void append(std::string_view bytes) override;
   void park() override;

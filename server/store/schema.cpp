@@ -128,7 +128,13 @@ CREATE INDEX blob_by_unreferenced ON blob (unreferenced_since) WHERE unreference
 CREATE INDEX job_by_end ON job (ended) WHERE ended IS NOT NULL;
 )sql";
 
-constexpr const char* kMigrations[] = {kJobsAndBlobs, kSchedulingAndCheckpoints, kRetention};
+// Whose quota a blob counts against: whoever was the first to upload it; nobody's for those that were there before.
+constexpr const char* kOwners = R"sql(
+ALTER TABLE blob ADD COLUMN owner TEXT NOT NULL DEFAULT '';
+CREATE INDEX blob_by_owner ON blob (owner, size) WHERE owner <> '';
+)sql";
+
+constexpr const char* kMigrations[] = {kJobsAndBlobs, kSchedulingAndCheckpoints, kRetention, kOwners};
 static_assert(std::size(kMigrations) == kSchemaVersion);
 
 std::int64_t pragma(Database& database, const char* sql) {

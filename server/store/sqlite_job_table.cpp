@@ -207,6 +207,14 @@ int SqliteJobTable::count_queued_of(const std::string& submitter) {
   return static_cast<int>(query.integer());
 }
 
+std::int64_t SqliteJobTable::blob_bytes_of(const std::string& owner) {
+  // The condition on the owner lets the partial index serve.
+  Query query = database_.query("SELECT ifnull(sum(size), 0) FROM blob WHERE owner = ? AND owner <> ''");
+  query.bind(owner);
+  query.step();
+  return query.integer();
+}
+
 int SqliteJobTable::count(JobState state) {
   Query query = database_.query("SELECT count(*) FROM job WHERE state = ?");
   query.bind(number(state));
@@ -291,14 +299,15 @@ void SqliteJobTable::write_checkpoint(const JobRecord& job) {
 
 void SqliteJobTable::erase(const std::string& id) { database_.query("DELETE FROM job WHERE id = ?").bind(id).run(); }
 
-void SqliteJobTable::insert_blob(const std::string& digest, std::int64_t size, WallTime now) {
+void SqliteJobTable::insert_blob(const std::string& digest, std::int64_t size, WallTime now, const std::string& owner) {
   database_
       .query(
-          "INSERT INTO blob (digest, size, created) VALUES (?, ?, ?) "
+          "INSERT INTO blob (digest, size, created, owner) VALUES (?, ?, ?, ?) "
           "ON CONFLICT (digest) DO UPDATE SET unreferenced_since = NULL")
       .bind(digest)
       .bind(size)
       .bind(milliseconds(now))
+      .bind(owner)
       .run();
 }
 

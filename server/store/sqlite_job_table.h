@@ -16,6 +16,7 @@ class SqliteJobTable final : public JobTable {
   std::vector<LastStart> last_starts() override;
   int count(JobState state) override;
   int count_queued_of(const std::string& submitter) override;
+  std::int64_t blob_bytes_of(const std::string& owner) override;
   std::optional<std::int64_t> blob_size(const std::string& digest) override;
   std::vector<BlobRow> blobs_after(const std::string& after, int limit) override;
   std::vector<BlobRow> unreferenced_since(WallTime before, int limit) override;
@@ -26,7 +27,7 @@ class SqliteJobTable final : public JobTable {
   void insert(JobRecord& job) override;
   void update(JobRecord& job) override;
   void erase(const std::string& id) override;
-  void insert_blob(const std::string& digest, std::int64_t size, WallTime now) override;
+  void insert_blob(const std::string& digest, std::int64_t size, WallTime now, const std::string& owner = "") override;
   int mark_unreferenced(WallTime now) override;
   void unmark_unreferenced(const std::string& digest) override;
   bool erase_blob_if_unreferenced(const std::string& digest) override;

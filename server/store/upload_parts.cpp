@@ -3,6 +3,7 @@
 #include "server/jobs/refusal.h"
 #include "server/store/disk_errors.h"
 #include "server/store/file_upload.h"
+#include "server/store/sha256.h"
 
 #include <fcntl.h>
 #include <sys/stat.h>
@@ -22,12 +23,24 @@ namespace {
 // "sha256:" is left out of names: a colon means something to tools that copy files.
 constexpr std::size_t kPrefixBytes = 7;
 
+// 128 bits: nobody finds an identity with the hash of another's.
+constexpr std::size_t kOwnerDigits = 32;
+
+/// "" or the hash of the owner and a dot: what all files of one owner begin with.
+std::string owner_prefix(const std::string& owner) {
+  if (owner.empty()) return "";
+  Sha256 hash;
+  hash.add(owner);
+  return hash.hex().substr(0, kOwnerDigits) + ".";
+}
+
 std::string name_of(const UploadPlan& plan) {
-  return plan.id + "." + std::to_string(plan.size) + "." + plan.digest.substr(kPrefixBytes) + ".part";
+  return owner_prefix(plan.owner) + plan.id + "." + std::to_string(plan.size) + "." + plan.digest.substr(kPrefixBytes) +
+         ".part";
 }
 
 bool can_be_continued(const std::string& name) {
-  static const std::regex form(R"([A-Za-z0-9_-]{1,64}\.[0-9]{1,19}\.[0-9a-f]{64}\.part)");
+  static const std::regex form(R"(([0-9a-f]{32}\.)?[A-Za-z0-9_-]{1,64}\.[0-9]{1,19}\.[0-9a-f]{64}\.part)");
   return std::regex_match(name, form);
 }
 
@@ -181,6 +194,23 @@ std::int64_t UploadParts::committed(const UploadPlan& plan) {
   if (part->is_gone) return 0;
   learn_committed(*part);
   return *part->committed;
+}
+
+std::int64_t UploadParts::waiting_beside(const UploadPlan& plan) {
+  const std::string prefix = owner_prefix(plan.owner), own_name = name_of(plan);
+  std::vector<std::shared_ptr<UploadPart>> parts;
+  {
+    const std::lock_guard lock(mutex_);
+    for (auto it = parts_.lower_bound(prefix); it != parts_.end() && it->first.starts_with(prefix); ++it)
+      if (it->first != own_name || plan.id.empty()) parts.push_back(it->second);
+  }
+  std::int64_t bytes = 0;
+  for (const auto& part : parts) {
+    const std::lock_guard lock(part->mutex);
+    struct stat status {};
+    if (!part->is_gone && !part->is_held && ::stat(part->file.c_str(), &status) == 0) bytes += status.st_size;
+  }
+  return bytes;
 }
 
 void UploadParts::move(BlobUpload& upload, const fs::path& target) {

@@ -30,8 +30,9 @@ struct UploadPart {
   WallTime touched{};
 };
 
-/// The folder of uploads: one file for each that has begun, named <id>.<size>.<hex of the digest>.part, or without
-/// these when it cannot be continued. Thread-safe.
+/// The folder of uploads: one file for each that has begun, named [<owner>.]<id>.<size>.<hex of the digest>.part, or
+/// without these when it cannot be continued. <owner> is a hash: an identity may hold what no file name can.
+/// Thread-safe.
 ///
 /// Only bytes that were synced count as committed; what else a stream that was cut has written is cut off when another
 /// goes on. After a crash of the daemon the whole file counts, once it has been synced. If a failure of the power has
@@ -50,6 +51,8 @@ class UploadParts {
   /// As BlobStore::begin and BlobStore::committed; the digest's form has been checked.
   std::unique_ptr<BlobUpload> begin(const UploadPlan& plan);
   std::int64_t committed(const UploadPlan& plan);
+  /// As BlobStore::waiting_beside.
+  std::int64_t waiting_beside(const UploadPlan& plan);
 
   /// Renames a sealed upload's file; the caller syncs the folder it went to.
   void move(BlobUpload& upload, const std::filesystem::path& target);

@@ -51,6 +51,10 @@ class RecordingBlobs final : public server::BlobStore {
  public:
   std::unique_ptr<server::BlobUpload> begin(const server::UploadPlan&) override { not_here(); }
   std::int64_t committed(const server::UploadPlan&) override { not_here(); }
+  std::int64_t waiting_beside(const server::UploadPlan&) override { not_here(); }
+  void require_room() override {
+    if (is_full) throw server::Refusal(server::RefusalKind::Exhausted, "STORAGE_FULL", "full");
+  }
   void publish(server::BlobUpload&) override { not_here(); }
   bool holds(const std::string&, std::int64_t) const override { return true; }
   std::unique_ptr<server::BlobReader> open(const std::string&, std::int64_t) override { not_here(); }
@@ -61,6 +65,7 @@ class RecordingBlobs final : public server::BlobStore {
   int set_aside() override { not_here(); }
 
   std::vector<std::string> removed;
+  bool is_full = false;
 
  private:
   [[noreturn]] static void not_here() { throw std::logic_error("this fake does not have it"); }
@@ -114,6 +119,11 @@ class MemoryTable final : public server::JobTable {
       return entry.second.state == JobState::Queued && entry.second.submitter == submitter;
     }));
   }
+  std::int64_t blob_bytes_of(const std::string& owner) override {
+    std::int64_t bytes = 0;
+    for (const auto& [digest, of] : blob_owners_) bytes += of == owner ? blobs_.at(digest) : 0;
+    return bytes;
+  }
   int count(JobState state) override {
     return static_cast<int>(
         std::count_if(jobs_.begin(), jobs_.end(), [&](const auto& entry) { return entry.second.state == state; }));
@@ -140,8 +150,9 @@ class MemoryTable final : public server::JobTable {
   void erase(const std::string& id) override {
     std::erase_if(jobs_, [&](const auto& entry) { return entry.second.id == id; });
   }
-  void insert_blob(const std::string& digest, std::int64_t size, server::WallTime) override {
-    blobs_.emplace(digest, size);
+  void insert_blob(const std::string& digest, std::int64_t size, server::WallTime,
+                   const std::string& owner = "") override {
+    if (blobs_.emplace(digest, size).second && !owner.empty()) blob_owners_[digest] = owner;
     unreferenced_since_.erase(digest);
   }
   std::vector<server::BlobRow> blobs_after(const std::string& after, int limit) override {
@@ -178,6 +189,7 @@ class MemoryTable final : public server::JobTable {
   bool erase_blob_if_unreferenced(const std::string& digest) override {
     if (is_referenced(digest)) return false;
     unreferenced_since_.erase(digest);
+    blob_owners_.erase(digest);
     return blobs_.erase(digest) > 0;
   }
 
@@ -193,6 +205,7 @@ class MemoryTable final : public server::JobTable {
   }
   std::map<std::int64_t, JobRecord> jobs_;
   std::map<std::string, std::int64_t> blobs_;
+  std::map<std::string, std::string> blob_owners_;
   std::map<std::string, server::WallTime> unreferenced_since_;
   std::int64_t last_sequence_ = 0;
 };

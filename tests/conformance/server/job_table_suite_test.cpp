@@ -243,6 +243,25 @@ TYPED_TEST(JobTableSuite, ACheckpointIsReplacedAndTakenBack) {
   });
 }
 
+TYPED_TEST(JobTableSuite, ABlobCountsForWhoeverWasTheFirstToUploadIt) {
+  this->write([](JobTable& table) {
+    table.insert_blob("sha256:1", 5, {}, "ann");
+    table.insert_blob("sha256:2", 7, {}, "ann");
+    table.insert_blob("sha256:3", 11, {}, "bob");
+    table.insert_blob("sha256:4", 13, {});
+    table.insert_blob("sha256:1", 5, {}, "bob");
+  });
+  const auto bytes_of = [this](const std::string& owner) {
+    return this->read([&](JobReader& reader) { return reader.blob_bytes_of(owner); });
+  };
+  EXPECT_EQ(bytes_of("ann"), 12);
+  EXPECT_EQ(bytes_of("bob"), 11);
+  EXPECT_EQ(bytes_of("eve"), 0);
+  EXPECT_EQ(bytes_of(""), 0) << "nobody's bytes are counted for nobody";
+  this->write([](JobTable& table) { EXPECT_TRUE(table.erase_blob_if_unreferenced("sha256:2")); });
+  EXPECT_EQ(bytes_of("ann"), 5);
+}
+
 TYPED_TEST(JobTableSuite, AThrownExceptionUndoesTheOperation) {
   EXPECT_THROW(this->write([&](JobTable& table) {
     JobRecord job;

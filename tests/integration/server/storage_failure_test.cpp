@@ -301,5 +301,48 @@ TEST_F(StorageFailure, TheFolderIsCheckedWithoutADaemon) {
   EXPECT_THROW(check_data_folder(folder / "nothing", std::cout), std::runtime_error);
 }
 
+// The last bytes are the database's: it has to end the jobs that it has.
+TEST_F(StorageFailure, BelowTheReserveNoJobIsAccepted) {
+  auto disk = std::make_shared<testing_support::FakeDisk>();
+  DaemonParts parts;
+  parts.disk = disk;
+  reserve = {0, 1000};
+  start(std::move(parts));
+  auto request = valid_request();
+  request.set_request_id("known");
+  v1::RegistrationJob known;
+  ASSERT_TRUE(create(request, known).ok());
+  disk->total = 100000;
+  disk->available = 999;
+  {
+    grpc::ClientContext context;
+    v1::RegistrationJob job;
+    auto other = request;
+    other.set_request_id("new");
+    const auto status = jobs->CreateRegistrationJob(&context, other, &job);
+    EXPECT_EQ(status.error_code(), grpc::StatusCode::RESOURCE_EXHAUSTED);
+    EXPECT_EQ(testing_support::reason_of(context), "STORAGE_FULL");
+    EXPECT_EQ(testing_support::trailer_of(context, "saltus-retry-after-ms"), "60000");
+    EXPECT_THAT(status.error_details(), AllOf(HasSubstr("RetryInfo"), HasSubstr("QuotaFailure"), HasSubstr("disk")));
+  }
+  {
+    grpc::ClientContext context;
+    v1::BatchCreateRegistrationJobsRequest batch;
+    *batch.add_requests() = request;
+    batch.mutable_requests(0)->set_request_id("in a batch");
+    v1::BatchCreateRegistrationJobsResponse response;
+    EXPECT_EQ(jobs->BatchCreateRegistrationJobs(&context, batch, &response).error_code(),
+              grpc::StatusCode::RESOURCE_EXHAUSTED);
+  }
+  v1::RegistrationJob again;
+  EXPECT_TRUE(create(request, again).ok()) << "what was accepted before is told";
+  EXPECT_EQ(again.id(), known.id());
+  EXPECT_EQ(cancel(known.id()).id(), known.id()) << "what is there can still end";
+  disk->available = 1000;
+  request.set_request_id("new");
+  EXPECT_TRUE(create(request, again).ok());
+  EXPECT_EQ(failures, 0);
+}
+
 }  // namespace
 }  // namespace saltus::server

@@ -137,6 +137,20 @@ TEST_F(RegistrationClientTest, PassesOnWhatTheDaemonSays) {
   }
 }
 
+// Calls that the daemon's gate refuses come without trailers.
+TEST_F(RegistrationClientTest, TakesTheReasonOfARefusalAtTheGateFromItsSentence) {
+  service.create = [&](grpc::ServerContext&, const v1::CreateRegistrationJobRequest&, v1::RegistrationJob&) {
+    return grpc::Status(grpc::StatusCode::PERMISSION_DENIED, "ann [7] may not do that [ROLE_LACKS_RIGHT]");
+  };
+  try {
+    client.create(v1::RegistrationSpec());
+    FAIL() << "no error";
+  } catch (const ClientError& error) {
+    EXPECT_EQ(error.reason(), "ROLE_LACKS_RIGHT");
+    EXPECT_STREQ(error.what(), "ann [7] may not do that");
+  }
+}
+
 TEST_F(RegistrationClientTest, WatchesToTheTerminalState) {
   service.streams = {{{v1::JOB_STATE_QUEUED, v1::JOB_STATE_RUNNING, v1::JOB_STATE_SUCCEEDED}, grpc::Status::OK}};
   EXPECT_EQ(watch(), (std::vector{v1::JOB_STATE_QUEUED, v1::JOB_STATE_RUNNING, v1::JOB_STATE_SUCCEEDED}));

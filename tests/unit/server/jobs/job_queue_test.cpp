@@ -343,6 +343,25 @@ TEST_F(JobQueueTest, OneSubmitterCannotFillTheQueue) {
   shared.submit(table, job);
 }
 
+TEST_F(JobQueueTest, WhoHasNoQuotaHasTheWholeQueue) {
+  JobQueue shared(clock, ids, {.max_queued = 3, .max_queued_of_submitter = 1});
+  NewJob job = asked();
+  job.has_quota = false;
+  for (int i = 0; i < 3; ++i) shared.submit(table, job);
+  expect_refused([&] { shared.submit(table, job); }, RefusalKind::Exhausted, "QUEUE_FULL");
+}
+
+TEST_F(JobQueueTest, WithoutRoomNothingNewIsKeptButWhatIsKnownIsTold) {
+  NewJob job = asked();
+  job.request_id = "request";
+  const auto known = queue.submit(table, job);
+  const auto no_room = [] { throw Refusal(RefusalKind::Exhausted, "STORAGE_FULL", "full"); };
+  EXPECT_EQ(queue.submit(table, job, no_room).id, known.id);
+  job.request_id = "another";
+  expect_refused([&] { queue.submit(table, job, no_room); }, RefusalKind::Exhausted, "STORAGE_FULL");
+  EXPECT_EQ(table.count(JobState::Queued), 1);
+}
+
 TEST_F(JobQueueTest, AFullQueueSaysWhenToComeBack) {
   for (int i = 0; i < 3; ++i) queue.submit(table, asked());
   try {

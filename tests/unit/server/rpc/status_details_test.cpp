@@ -35,6 +35,11 @@ constexpr const char* kDescription = R"(
     nested_type { name: "Violation"
       field { name: "field" number: 1 type: TYPE_STRING label: LABEL_OPTIONAL }
       field { name: "description" number: 2 type: TYPE_STRING label: LABEL_OPTIONAL } } }
+  message_type { name: "QuotaFailure"
+    field { name: "violations" number: 1 type: TYPE_MESSAGE type_name: "Violation" label: LABEL_REPEATED }
+    nested_type { name: "Violation"
+      field { name: "subject" number: 1 type: TYPE_STRING label: LABEL_OPTIONAL }
+      field { name: "description" number: 2 type: TYPE_STRING label: LABEL_OPTIONAL } } }
   message_type { name: "PreconditionFailure"
     field { name: "violations" number: 1 type: TYPE_MESSAGE type_name: "Violation" label: LABEL_REPEATED }
     nested_type { name: "Violation"
@@ -108,6 +113,17 @@ TEST_F(StatusDetailsTest, OtherDetailsAreThereWhenTheySaySomething) {
           "PreconditionFailure: violations { type: \"MISSING\" subject: \"sha256:a\" description: \"the blob is "
           "not on the server\" } violations { type: \"MISSING\" subject: \"sha256:b\" description: \"the blob "
           "is not on the server\" }"));
+}
+
+TEST_F(StatusDetailsTest, AFullMeasureIsAQuotaFailure) {
+  StatusDetails error;
+  error.code = 8;
+  error.reason = "QUOTA";
+  error.message = "too much";
+  error.exhausted = "submitter";
+  EXPECT_THAT(details(error),
+              ElementsAre("ErrorInfo: reason: \"QUOTA\" domain: \"saltus\"",
+                          "QuotaFailure: violations { subject: \"submitter\" description: \"too much\" }"));
 }
 
 }  // namespace

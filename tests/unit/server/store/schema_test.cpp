@@ -16,8 +16,9 @@ using ::testing::HasSubstr;
 using testing_support::kReleasedSchema1;
 using testing_support::kReleasedSchema2;
 using testing_support::kReleasedSchema3;
+using testing_support::kReleasedSchema4;
 
-constexpr const char* kReleased[] = {kReleasedSchema1, kReleasedSchema2, kReleasedSchema3};
+constexpr const char* kReleased[] = {kReleasedSchema1, kReleasedSchema2, kReleasedSchema3, kReleasedSchema4};
 static_assert(std::size(kReleased) == kSchemaVersion, "a new schema needs a fixture of its own");
 
 class SchemaTest : public ::testing::Test {
@@ -144,8 +145,8 @@ TEST_F(SchemaTest, EveryReleasedDatabaseComesToTheSchemaOfANewOne) {
 
 TEST_F(SchemaTest, TheSecondSchemaKeepsEverythingItHeldAndLearnsOfRetention) {
   database.execute(kReleasedSchema2);
-  prepare_schema(database, 3);
-  EXPECT_EQ(number("PRAGMA user_version"), 3);
+  prepare_schema(database);
+  EXPECT_EQ(number("PRAGMA user_version"), kSchemaVersion);
   expect_jobs_since_schema_2();
   // Nobody has looked yet: the time of a blob that is not used begins with the next look.
   SqliteJobTable table(database);
@@ -163,6 +164,16 @@ TEST_F(SchemaTest, TheThirdSchemaKeepsEverythingItHeld) {
   EXPECT_TRUE(table.is_marked_unreferenced("sha256:old"));
   EXPECT_THAT(table.unreferenced_since(at(7001), 10), ElementsAre(BlobRow{"sha256:old", 40}));
   EXPECT_TRUE(table.unreferenced_since(at(7000), 10).empty());
+}
+
+TEST_F(SchemaTest, TheFourthSchemaKeepsEverythingItHeld) {
+  database.execute(kReleasedSchema4);
+  prepare_schema(database);
+  expect_jobs_since_schema_2();
+  SqliteJobTable table(database);
+  EXPECT_TRUE(table.is_marked_unreferenced("sha256:old"));
+  EXPECT_EQ(table.blob_bytes_of("ann"), 50);
+  EXPECT_EQ(table.blob_bytes_of("bob"), 0);
 }
 
 TEST_F(SchemaTest, SequencesOfDeletedJobsAreNotGivenAgain) {

@@ -337,5 +337,62 @@ TEST_F(UploadPartsTest, ANameThatIsAPathIsRefused) {
   EXPECT_TRUE(fs::is_empty(data.uploads()));
 }
 
+// Ids are chosen by clients: two who choose the same must not meet, nor learn of each other.
+TEST_F(UploadPartsTest, UploadsOfTwoOwnersHaveNothingToDoWithEachOther) {
+  const auto plan_of = [&](const std::string& owner, std::int64_t offset = 0) {
+    UploadPlan of = plan(offset);
+    of.owner = owner;
+    return of;
+  };
+  const std::string ann = "ann@hospital.example", bob = "bob / ../etc";
+  for (const auto& [owner, count] : {std::pair(ann, 20), std::pair(bob, 7), std::pair(std::string(), 3)}) {
+    const auto upload = blobs->begin(plan_of(owner));
+    upload->append(std::string_view(content).substr(0, static_cast<std::size_t>(count)));
+    upload->park();
+  }
+  for (int daemon = 0; daemon < 2; ++daemon) {
+    EXPECT_EQ(blobs->committed(plan_of(ann)), 20);
+    EXPECT_EQ(blobs->committed(plan_of(bob)), 7);
+    EXPECT_EQ(blobs->committed(plan_of("")), 3);
+    EXPECT_EQ(blobs->committed(plan_of("eve")), 0);
+    EXPECT_EQ(reason_of([&] { blobs->begin(plan_of("eve", 20)); }), "OFFSET_MISMATCH");
+    restart();
+  }
+  for (const auto& entry : fs::directory_iterator(data.uploads()))
+    EXPECT_EQ(entry.path().filename().string().find("hospital"), std::string::npos) << "a name on the disk";
+  // Taken over by its owner alone.
+  const auto of_ann = blobs->begin(plan_of(ann, 20));
+  blobs->begin(plan_of(bob, 7));
+  while (!of_ann->prepare(5)) {
+  }
+  finish(*of_ann, 20);
+  EXPECT_TRUE(blobs->holds(digest_of(content), static_cast<std::int64_t>(content.size())));
+}
+
+TEST_F(UploadPartsTest, WhatWaitsCountsForItsOwner) {
+  const auto park = [&](const std::string& owner, const std::string& id, std::size_t count) {
+    UploadPlan of = plan(0, id);
+    of.owner = owner;
+    const auto upload = blobs->begin(of);
+    upload->append(std::string_view(content).substr(0, count));
+    upload->park();
+    return of;
+  };
+  const UploadPlan first = park("ann", "1", 20), second = park("ann", "2", 5), other = park("bob", "1", 9);
+  UploadPlan unnamed = plan(0, "");
+  unnamed.owner = "ann";
+  for (int daemon = 0; daemon < 2; ++daemon) {
+    EXPECT_EQ(blobs->waiting_beside(first), 5);
+    EXPECT_EQ(blobs->waiting_beside(second), 20);
+    EXPECT_EQ(blobs->waiting_beside(unnamed), 25);
+    EXPECT_EQ(blobs->waiting_beside(other), 0);
+    restart();
+  }
+  UploadPlan next = second;
+  next.offset = 5;
+  const auto upload = blobs->begin(next);
+  EXPECT_EQ(blobs->waiting_beside(unnamed), 20) << "what is under way has a claim of its own";
+}
+
 }  // namespace
 }  // namespace saltus::server

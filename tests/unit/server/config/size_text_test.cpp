@@ -1,4 +1,4 @@
-#include "server/config/disk_reserve_text.h"
+#include "server/config/size_text.h"
 
 #include "core/support/errors.h"
 
@@ -15,6 +15,14 @@ TEST(DiskReserveText, ReadsBytesUnitsAndShares) {
   EXPECT_EQ(parse_reserve("4G").fraction, 0);
   EXPECT_EQ(parse_reserve("10%").fraction, 0.1);
   EXPECT_EQ(parse_reserve("10%").bytes, 0);
+}
+
+TEST(SizeText, ReadsBytesAndUnits) {
+  EXPECT_EQ(parse_size("--upload-quota", "0"), 0);
+  EXPECT_EQ(parse_size("--upload-quota", "512M"), 512LL << 20);
+  EXPECT_EQ(parse_size("--upload-quota", "100G"), 100LL << 30);
+  for (const char* text : {"", "-1", "10%", "1.5G", "4T", "99999999999G"})
+    EXPECT_THROW(parse_size("", text), InvalidInput);
 }
 
 TEST(DiskReserveText, RefusesAnythingElse) {
