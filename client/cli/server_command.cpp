@@ -8,18 +8,23 @@
 #include <google/protobuf/util/json_util.h>
 #include <CLI/CLI.hpp>
 
+#include <chrono>
 #include <iostream>
 #include <memory>
 #include <sstream>
 #include <stdexcept>
+#include <utility>
 
 namespace saltus::cli {
 namespace {
+
+constexpr std::chrono::milliseconds kBetweenQuestions{500};
 
 struct ServerOptions {
   ServerChoice server;
   bool as_json = false;
   bool resume = false;
+  bool wait = false;
 };
 
 /// Every field with the protocol's name, so that what a newer daemon tells is shown too.
@@ -103,6 +108,29 @@ int fsck(const ServerOptions& options) {
   return last.corrupt() + last.missing() > 0 ? JobFailed : Done;
 }
 
+/// Until no job runs; tells on standard error how many do whenever that has changed. Only asks: if somebody else takes
+/// the drain back meanwhile, it stays so.
+void wait_until_drained(const client::CallSettings& settings) {
+  client::RegistrationClient client(settings);
+  for (int told = -1;; client::wait_for(settings.stop, kBetweenQuestions)) {
+    const int running = client.server_info().running_jobs();
+    if (running == 0) return;
+    if (running != std::exchange(told, running))
+      std::cerr << running << (running == 1 ? " job still runs" : " jobs still run") << std::endl;
+  }
+}
+
+int drain(const ServerOptions& options) {
+  const client::CallSettings settings = call_settings(options.server);
+  client::AdminClient client(settings);
+  v1::DrainResponse response = client.drain(options.resume);
+  if (options.wait) {
+    wait_until_drained(settings);
+    response.set_running_jobs(0);
+  }
+  return print(response, options.as_json);
+}
+
 template <class Act>
 CLI::App* add_action(CLI::App& server, const char* name, const char* help, const char* example, int& exit_code,
                      Act act) {
@@ -110,7 +138,10 @@ CLI::App* add_action(CLI::App& server, const char* name, const char* help, const
   auto options = std::make_shared<ServerOptions>();
   add_server_option(*command, options->server);
   command->add_flag("--json", options->as_json, "Print a JSON object");
-  if (std::string(name) == "drain") command->add_flag("--resume", options->resume, "Take jobs again");
+  if (std::string(name) == "drain") {
+    auto* resume = command->add_flag("--resume", options->resume, "Take jobs again");
+    command->add_flag("--wait", options->wait, "Return when no job runs any more; tell how many do")->excludes(resume);
+  }
   command->footer(std::string("Example:\n  saltus server ") + example);
   command->callback([options, act, &exit_code] { exit_code = act(*options); });
   return command;
@@ -126,11 +157,7 @@ void add_server_command(CLI::App& app, int& exit_code) {
                client::RegistrationClient client(call_settings(options.server));
                return print(client.server_info(), options.as_json);
              });
-  add_action(*server, "drain", "Take no new jobs and start none; what runs goes on", "drain", exit_code,
-             [](const ServerOptions& options) {
-               client::AdminClient client(call_settings(options.server));
-               return print(client.drain(options.resume), options.as_json);
-             });
+  add_action(*server, "drain", "Take no new jobs and start none; what runs goes on", "drain --wait", exit_code, drain);
   add_action(*server, "gc", "Remove jobs, images and uploads whose time is over, now", "gc --json", exit_code,
              [](const ServerOptions& options) {
                client::AdminClient client(call_settings(options.server));

@@ -50,6 +50,7 @@ TEST_F(CommandLine, HelpsAdministrators) {
     EXPECT_EQ(run({"server", command}).exit_code, Usage) << command;
   }
   EXPECT_EQ(run({"server"}).exit_code, Usage);
+  EXPECT_EQ(run({"server", "drain", "--wait", "--resume", "--server", "unix:/nowhere/socket"}).exit_code, Usage);
   EXPECT_EQ(run({"server", "drain", "--server", "unix:/nowhere/socket"}).exit_code, ServerNotReachable);
 }
 
