@@ -79,7 +79,7 @@ TEST_F(FaultTest, AWorkerThatEndsWellWithoutAResultIsReplaced) {
 
 // The worker's heartbeat goes on all the time: it is the iteration that stands still.
 TEST_F(FaultTest, ASolverThatHangsIsEndedAndReplaced) {
-  daemon_options = with(daemon_options, {"--stall-seconds", "5"});
+  daemon_options = with(daemon_options, {"--stall-seconds", "10"});
   start_with("worker.iteration:3=hang");
   EXPECT_EQ(lost_once()["last_loss"]["reason"], "STALLED");
 }
