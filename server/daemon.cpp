@@ -92,11 +92,23 @@ Daemon::Daemon(const DaemonSettings& settings, std::function<void(const std::str
     protected_addresses_.push_back(address.to_text());
   }
   if (local) local->set_server_address(address_);
+  metrics_.at_scrape([this] {
+    JobReader::Totals blobs;
+    rows_->read([&](JobReader& reader) { blobs = reader.blob_totals(); });
+    const JobManager::Use workers = jobs_->use_of_workers();
+    return std::vector<Metrics::Gauge>{
+        {"saltusd_blobs", "Blobs that are stored", static_cast<double>(blobs.count)},
+        {"saltusd_blob_bytes", "Bytes of these", static_cast<double>(blobs.bytes)},
+        {"saltusd_worker_memory_bytes", "Memory of all running workers", static_cast<double>(workers.memory_bytes)},
+        {"saltusd_worker_cpu_seconds", "Processor time of all running workers, in their attempts",
+         workers.cpu_seconds}};
+  });
   if (settings.metrics_port >= 0) metrics_port_ = metrics_.serve(settings.metrics_host, settings.metrics_port);
   thread_ = std::thread([this] { run(); });
 }
 
 Daemon::~Daemon() {
+  metrics_.at_scrape(nullptr);
   {
     std::lock_guard lock(mutex_);
     is_closing_ = true;

@@ -288,6 +288,16 @@ int JobManager::running_jobs() const {
   return leases_.size();
 }
 
+JobManager::Use JobManager::use_of_workers() const {
+  std::lock_guard lock(mutex_);
+  Use use;
+  for (const auto& [id, progress] : progress_) {
+    use.memory_bytes += progress.memory_bytes;
+    use.cpu_seconds += progress.cpu_seconds;
+  }
+  return use;
+}
+
 int JobManager::threads_of(const JobRecord& job) const {
   return job.threads > 0 ? job.threads : settings_.default_threads;
 }

@@ -114,6 +114,12 @@ class JobManager {
   int queued_jobs() const { return queued_; }
   int running_jobs() const;
   int slots() const { return settings_.slots; }
+  /// What the running attempts use together, as their last heartbeats say.
+  struct Use {
+    std::int64_t memory_bytes = 0;
+    double cpu_seconds = 0;
+  };
+  Use use_of_workers() const;
   const Demand& budget() const { return budget_.total(); }
   bool counts_memory() const { return settings_.memory_budget > 0; }
 

@@ -49,6 +49,12 @@ class JobReader {
   /// Of all blobs that `owner` was the first to upload.
   virtual std::int64_t blob_bytes_of(const std::string& owner) = 0;
   virtual std::optional<std::int64_t> blob_size(const std::string& digest) = 0;
+  struct Totals {
+    std::int64_t count = 0;
+    std::int64_t bytes = 0;
+  };
+  /// Of all blobs.
+  virtual Totals blob_totals() = 0;
   /// In the order of their digests: those after `after`, at most `limit`.
   virtual std::vector<BlobRow> blobs_after(const std::string& after, int limit) = 0;
   /// Blobs that no job has referred to since before `before`, as mark_unreferenced has noted; at most `limit`.

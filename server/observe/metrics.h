@@ -5,12 +5,15 @@
 
 #include <chrono>
 #include <filesystem>
+#include <functional>
 #include <memory>
 #include <string>
+#include <vector>
 
 namespace saltus::server {
 
-/// What the daemon does, in numbers for Prometheus; no job id and no person in any label. Thread-safe, never blocks.
+/// What the daemon does, in numbers for Prometheus; no job id and no person in any label. Thread-safe; only
+/// asking for the numbers may block.
 class Metrics {
  public:
   /// `data`: whose disk is watched.
@@ -24,6 +27,15 @@ class Metrics {
   int serve(const std::string& host, int port);
   /// What is served, as text.
   std::string text() const;
+
+  struct Gauge {
+    const char* name;
+    const char* help;
+    double value;
+  };
+  /// What is measured anew whenever somebody asks for the numbers, on the asker's thread; `measure` may block. What it
+  /// throws leaves its numbers out. With nothing it is taken back; returns when it is under way no more.
+  void at_scrape(std::function<std::vector<Gauge>()> measure);
 
   void call_began(const std::string& method);
   void call_ended(const CallRecord& call);

@@ -207,6 +207,15 @@ int SqliteJobTable::count_queued_of(const std::string& submitter) {
   return static_cast<int>(query.integer());
 }
 
+JobReader::Totals SqliteJobTable::blob_totals() {
+  Query query = database_.query("SELECT count(*), ifnull(sum(size), 0) FROM blob");
+  query.step();
+  Totals totals;
+  totals.count = query.integer();
+  totals.bytes = query.integer();
+  return totals;
+}
+
 std::int64_t SqliteJobTable::blob_bytes_of(const std::string& owner) {
   // The condition on the owner lets the partial index serve.
   Query query = database_.query("SELECT ifnull(sum(size), 0) FROM blob WHERE owner = ? AND owner <> ''");

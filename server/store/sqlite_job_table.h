@@ -16,6 +16,7 @@ class SqliteJobTable final : public JobTable {
   std::vector<LastStart> last_starts() override;
   int count(JobState state) override;
   int count_queued_of(const std::string& submitter) override;
+  Totals blob_totals() override;
   std::int64_t blob_bytes_of(const std::string& owner) override;
   std::optional<std::int64_t> blob_size(const std::string& digest) override;
   std::vector<BlobRow> blobs_after(const std::string& after, int limit) override;

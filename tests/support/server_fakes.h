@@ -119,6 +119,14 @@ class MemoryTable final : public server::JobTable {
       return entry.second.state == JobState::Queued && entry.second.submitter == submitter;
     }));
   }
+  Totals blob_totals() override {
+    Totals totals;
+    for (const auto& [digest, size] : blobs_) {
+      ++totals.count;
+      totals.bytes += size;
+    }
+    return totals;
+  }
   std::int64_t blob_bytes_of(const std::string& owner) override {
     std::int64_t bytes = 0;
     for (const auto& [digest, of] : blob_owners_) bytes += of == owner ? blobs_.at(digest) : 0;

@@ -251,6 +251,9 @@ TYPED_TEST(JobTableSuite, ABlobCountsForWhoeverWasTheFirstToUploadIt) {
     table.insert_blob("sha256:4", 13, {});
     table.insert_blob("sha256:1", 5, {}, "bob");
   });
+  const auto totals = this->read([](JobReader& reader) { return reader.blob_totals(); });
+  EXPECT_EQ(totals.count, 4);
+  EXPECT_EQ(totals.bytes, 36);
   const auto bytes_of = [this](const std::string& owner) {
     return this->read([&](JobReader& reader) { return reader.blob_bytes_of(owner); });
   };

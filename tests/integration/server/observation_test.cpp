@@ -78,10 +78,23 @@ TEST_F(Observed, TheNumbersMoveAsTheyMust) {
   EXPECT_EQ(value("saltusd_queue_wait_seconds_count"), 1);
   created();
   EXPECT_EQ(value("saltusd_jobs{state=\"queued\"}"), 1);
+  EXPECT_EQ(value("saltusd_blobs"), 2);
+  EXPECT_EQ(value("saltusd_blob_bytes"), 11);
 
   v1::AcquireLeaseResponse lease;
   ASSERT_TRUE(acquire(launch, lease).ok());
+  {
+    grpc::ClientContext context;
+    auto heartbeat = as_worker<v1::HeartbeatRequest>(launch);
+    heartbeat.mutable_progress()->set_memory_bytes(5 << 20);
+    heartbeat.mutable_progress()->set_cpu_seconds(1.5);
+    v1::HeartbeatResponse response;
+    ASSERT_TRUE(worker->Heartbeat(&context, heartbeat, &response).ok());
+  }
+  EXPECT_EQ(value("saltusd_worker_memory_bytes"), 5 << 20);
+  EXPECT_EQ(value("saltusd_worker_cpu_seconds"), 1.5);
   ASSERT_TRUE(succeed(launch).ok());
+  EXPECT_EQ(value("saltusd_worker_memory_bytes"), 0);
   EXPECT_EQ(value("saltusd_attempts_total{outcome=\"succeeded\"}"), 1);
   EXPECT_EQ(value("saltusd_job_seconds_count{outcome=\"succeeded\"}"), 1);
   EXPECT_GT(value("saltusd_store_commit_seconds_count"), 0);
