@@ -5,19 +5,15 @@
 #include "server/jobs/refusal.h"
 #include "server/rpc/convert.h"
 #include "server/rpc/limits.h"
+#include "server/rpc/page_token.h"
 #include "server/rpc/unary_call.h"
 #include "server/rpc/validate_request.h"
 #include "server/rpc/watch_stream.h"
 
 #include <algorithm>
-#include <charconv>
-#include <limits>
 
 namespace saltus::server {
 namespace {
-
-// Enough of a fingerprint to tell one list from another.
-constexpr std::size_t kConditionDigits = 16;
 
 int page_size_of(const v1::ListRegistrationJobsRequest& request) {
   return request.page_size() == 0 ? limits::kDefaultPage : std::min(request.page_size(), limits::kLargestPage);
@@ -52,22 +48,6 @@ NewJob RegistrationServiceImpl::new_job(const grpc::CallbackServerContext& conte
   job.has_quota = !caller.limited_as().empty();
   job.request_hash = ids_.fingerprint(content);
   return job;
-}
-
-// "<sequence>-<fingerprint of the conditions>": where the next page begins, of the list it was made for.
-std::string RegistrationServiceImpl::make_page_token(const v1::ListRegistrationJobsRequest& request,
-                                                     std::int64_t before) const {
-  return std::to_string(before) + "-" + ids_.fingerprint(conditions_of(request)).substr(0, kConditionDigits);
-}
-
-std::int64_t RegistrationServiceImpl::parse_page_token(const v1::ListRegistrationJobsRequest& request) const {
-  const std::string& token = request.page_token();
-  if (token.empty()) return std::numeric_limits<std::int64_t>::max();
-  std::int64_t before = 0;
-  const auto parsed = std::from_chars(token.data(), token.data() + token.size(), before);
-  if (parsed.ec == std::errc() && before > 0 && token == make_page_token(request, before)) return before;
-  throw Refusal(RefusalKind::InvalidArgument, "BAD_PAGE_TOKEN",
-                "page_token is not one that a list with these conditions has given; begin again without page_token");
 }
 
 grpc::ServerUnaryReactor* RegistrationServiceImpl::CreateRegistrationJob(
@@ -120,7 +100,8 @@ grpc::ServerUnaryReactor* RegistrationServiceImpl::ListRegistrationJobs(grpc::Ca
       wanted.set_submitter(*submitter);
     }
     const int page_size = page_size_of(wanted);
-    const std::int64_t before = parse_page_token(wanted);
+    const std::string conditions = ids_.fingerprint(conditions_of(wanted));
+    const std::int64_t before = parse_page_token(wanted.page_token(), conditions);
     // One more than asked for tells whether there is a next page.
     auto views = jobs_.list(from_message(wanted), before, page_size + 1);
     const bool has_more = static_cast<int>(views.size()) > page_size;
@@ -131,12 +112,12 @@ grpc::ServerUnaryReactor* RegistrationServiceImpl::ListRegistrationJobs(grpc::Ca
       bytes += job.ByteSizeLong();
       // Jobs with long specifications make a shorter page: an answer must fit into a message.
       if (response->jobs_size() > 0 && bytes > static_cast<std::size_t>(limits::kMessageBytes) / 2) {
-        response->set_next_page_token(make_page_token(wanted, view.job.sequence + 1));
+        response->set_next_page_token(make_page_token(view.job.sequence + 1, conditions));
         return;
       }
       *response->add_jobs() = std::move(job);
     }
-    if (has_more) response->set_next_page_token(make_page_token(wanted, views.back().job.sequence));
+    if (has_more) response->set_next_page_token(make_page_token(views.back().job.sequence, conditions));
   });
 }
 

@@ -40,8 +40,6 @@ class RegistrationServiceImpl final : public v1::RegistrationService::CallbackSe
   /// Answers as if the job did not exist when it is not `owner`'s. Blocks.
   void require_own(const std::string& id, const std::optional<std::string>& owner);
   NewJob new_job(const grpc::CallbackServerContext& context, const v1::CreateRegistrationJobRequest& request) const;
-  std::string make_page_token(const v1::ListRegistrationJobsRequest& request, std::int64_t before) const;
-  std::int64_t parse_page_token(const v1::ListRegistrationJobsRequest& request) const;
 
   JobManager& jobs_;
   const IdSource& ids_;
