@@ -6,6 +6,7 @@
 #include <Eigen/LU>
 
 #include <algorithm>
+#include <numeric>
 
 namespace saltus {
 namespace {
@@ -77,7 +78,7 @@ struct CoadjointTransport<Dim, T>::Face {
     const T* displacement = sites.displacement();
     for (int a = 0; a < Dim; ++a) {
       const T moved = T(0.5) * (displacement[Dim * beside[0] + a] + displacement[Dim * beside[1] + a]);
-      at[a] = static_cast<T>(where[a] + (a == axis ? 0.5 : 0.0) + static_cast<double>(moved) / lattice.spacing[a]);
+      at[a] = static_cast<T>(where[a] + (a == axis ? 0.5 : 0.0) + static_cast<double>(moved) * sites.per_mm()[a]);
     }
   }
 
@@ -184,34 +185,53 @@ void CoadjointTransport<Dim, T>::push(MovedSites<Dim, T>& sites, const T* zeroth
 template <int Dim, class T>
 void CoadjointTransport<Dim, T>::push_faces(MovedSites<Dim, T>& sites, int axis, const BlockSet<Dim>* blocks,
                                             const T* first, T* zeroth_out, T* first_out) {
-  // Only active faces cost anything: they are listed in the order of their sites.
+  // Only faces with a momentum cost anything: they are listed in the order of their sites.
   const std::size_t field = Dim * lattice_.sites();
-  struct Active {
-    std::array<T, Dim> at;
-    std::array<T, Dim> zeroth;
-    std::array<T, Dim * Dim> first;
+  const bool exact = evolution_ == Evolution::Exact;
+  struct Element {
+    std::array<T, Dim> at, n;
   };
-  std::vector<std::vector<Active>> by_slab(static_cast<std::size_t>(lattice_.size[Dim - 1]));
+  struct Turned {
+    std::array<T, Dim> zeroth;
+    std::array<T, Dim> into;  ///< how much of it is along which axis now
+  };
+  const int slabs = lattice_.size[Dim - 1];
+  std::vector<std::size_t> begin(static_cast<std::size_t>(slabs) + 1, 0);
 #pragma omp parallel for schedule(static)
-  for (int slab = 0; slab < lattice_.size[Dim - 1]; ++slab)
+  for (int slab = 0; slab < slabs; ++slab)
+    visit_slab_of(blocks, slab, [&](const Index<Dim>&, std::size_t site) {
+      if (!is_zero<Dim, T>(first + Dim * site)) ++begin[static_cast<std::size_t>(slab) + 1];
+    });
+  std::partial_sum(begin.begin(), begin.end(), begin.begin());
+  std::vector<Element> elements(begin.back());
+  std::vector<Turned> turned(exact ? elements.size() : 0);
+#pragma omp parallel for schedule(static)
+  for (int slab = 0; slab < slabs; ++slab) {
+    std::size_t k = begin[static_cast<std::size_t>(slab)];
     visit_slab_of(blocks, slab, [&](const Index<Dim>& index, std::size_t site) {
       if (is_zero<Dim, T>(first + Dim * site)) return;
       Face face(sites, axis, index, site);
-      face.differentiate(sites, axis);
-      const Column<Dim, T> n = face.G * load<Dim, T>(first + Dim * site);
-      Active active;
-      active.at = face.at;
-      active.zeroth = as_array<Dim, T>(unit_ * (face.G * (face.dF.transpose() * n)));
-      for (int b = 0; b < Dim; ++b)
-        for (int c = 0; c < Dim; ++c) active.first[Dim * b + c] = face.turned(*this, b, axis) * n[c];
-      by_slab[static_cast<std::size_t>(slab)].push_back(active);
+      Element& element = elements[k];
+      element.at = face.at;
+      if (!sites.has_jacobians()) {
+        std::copy_n(first + Dim * site, Dim, element.n.begin());
+      } else {
+        face.differentiate(sites, axis);
+        const Column<Dim, T> n = face.G * load<Dim, T>(first + Dim * site);
+        element.n = as_array<Dim, T>(n);
+        if (exact) {
+          turned[k].zeroth = as_array<Dim, T>(unit_ * (face.G * (face.dF.transpose() * n)));
+          for (int b = 0; b < Dim; ++b) turned[k].into[b] = face.F(b, axis);
+        }
+      }
+      ++k;
     });
-  std::vector<Active> elements;
-  for (const auto& some : by_slab) elements.insert(elements.end(), some.begin(), some.end());
+  }
   ScatterPlan<Dim, T>& plan = sites.plan();
   plan.resize(elements.size());
   for (int b = -1; b < Dim; ++b) {
-    if (evolution_ != Evolution::Exact && b != axis) continue;  // nothing turns into another order or axis
+    if (!exact && b != axis) continue;  // nothing turns into another order or axis
+#pragma omp parallel for schedule(static)
     for (std::size_t i = 0; i < elements.size(); ++i) {
       plan.points()[i] = elements[i].at;
       if (b >= 0) plan.points()[i][b] -= T(0.5);
@@ -219,8 +239,8 @@ void CoadjointTransport<Dim, T>::push_faces(MovedSites<Dim, T>& sites, int axis,
     plan.sort(lattice_);
     plan.template add<Dim>(
         [&](std::size_t i, std::array<T, Dim>& out) {
-          const T* from = b < 0 ? elements[i].zeroth.data() : elements[i].first.data() + Dim * b;
-          std::copy(from, from + Dim, out.begin());
+          out = b < 0 ? turned[i].zeroth : elements[i].n;
+          for (int c = 0; c < Dim && b >= 0 && exact; ++c) out[c] *= turned[i].into[b];
           return true;
         },
         b < 0 ? zeroth_out : first_out + static_cast<std::size_t>(b) * field);
@@ -237,8 +257,12 @@ void CoadjointTransport<Dim, T>::push_adjoint(MovedSites<Dim, T>& sites, const T
   for (int axis = 0; axis < Dim; ++axis) {
     if (wanted[axis] && wanted[axis]->sites() == 0) continue;
     const std::size_t at = static_cast<std::size_t>(axis) * Dim * lattice_.sites();
-    face_adjoint(sites, axis, wanted[axis], first + at, zeroth_out_dual, first_out_dual, displacement_dual,
-                 first_dual + at);
+    if (sites.has_jacobians())
+      face_adjoint(sites, axis, wanted[axis], first + at, zeroth_out_dual, first_out_dual, displacement_dual,
+                   first_dual + at);
+    else
+      carried_face_adjoint(sites, axis, wanted[axis], first + at, first_out_dual + at, displacement_dual,
+                           first_dual + at);
   }
 }
 
@@ -307,7 +331,6 @@ void CoadjointTransport<Dim, T>::face_adjoint(MovedSites<Dim, T>& sites, int axi
       for (int side = 0; side < 2; ++side)
         for (int a = 0; a < Dim; ++a)
           displacement_dual[Dim * face.beside[side] + a] += T(0.5) * gradient[a] / static_cast<T>(lattice_.spacing[a]);
-      if (evolution_ == Evolution::Carried) return;
       const Square<Dim, T> dF_dual = static_cast<T>(0.5 / lattice_.spacing[axis]) * unit_ * (n * s_dual.transpose());
       for (int side = 0; side < 2; ++side) {
         const std::size_t beside = face.beside[side];
@@ -315,6 +338,30 @@ void CoadjointTransport<Dim, T>::face_adjoint(MovedSites<Dim, T>& sites, int axi
         SideDifferences<Dim * Dim, Dim, T>(lattice_, face.index[side], beside, sites.strides()[axis], axis,
                                            sites.jacobians(), T(1))
             .adjoint(dF_dual.data(), beside, sites.strides()[axis], T(1), sites.jacobian_duals());
+      }
+    });
+  });
+}
+
+/// face_adjoint where F is the identity: nothing turns, and the position alone moves with the displacement.
+template <int Dim, class T>
+void CoadjointTransport<Dim, T>::carried_face_adjoint(const MovedSites<Dim, T>& sites, int axis,
+                                                      const BlockSet<Dim>* blocks, const T* first, const T* out_dual,
+                                                      T* displacement_dual, T* first_dual) {
+  std::array<T, Dim> half;
+  for (int a = 0; a < Dim; ++a) half[a] = static_cast<T>(0.5 * sites.per_mm()[a]);
+  for_planes_apart<2>(lattice_.size[Dim - 1], [&](int slab) {
+    visit_slab_of(blocks, slab, [&](const Index<Dim>& where, std::size_t site) {
+      const Face face(sites, axis, where, site);
+      std::array<T, Dim> m, gradient;
+      std::copy_n(first + Dim * site, Dim, m.begin());
+      const std::array<T, Dim> dual =
+          LinearCell<Dim, T>(lattice_, face.on(axis)).template value_and_gradient<Dim>(out_dual, m, gradient);
+      for (int c = 0; c < Dim; ++c) first_dual[Dim * site + c] += dual[c];
+      if (is_zero<Dim, T>(m.data())) return;
+      for (int a = 0; a < Dim; ++a) {
+        displacement_dual[Dim * face.beside[0] + a] += half[a] * gradient[a];
+        displacement_dual[Dim * face.beside[1] + a] += half[a] * gradient[a];
       }
     });
   });

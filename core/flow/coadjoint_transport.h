@@ -59,6 +59,8 @@ class CoadjointTransport {
                       T* zeroth_dual);
   void face_adjoint(MovedSites<Dim, T>& sites, int axis, const BlockSet<Dim>* blocks, const T* first,
                     const T* zeroth_out_dual, const T* first_out_dual, T* displacement_dual, T* first_dual);
+  void carried_face_adjoint(const MovedSites<Dim, T>& sites, int axis, const BlockSet<Dim>* blocks, const T* first,
+                            const T* out_dual, T* displacement_dual, T* first_dual);
   /// visit(index, site) for the sites of a slab that are in `blocks` (null: all).
   template <class Visit>
   void visit_slab_of(const BlockSet<Dim>* blocks, int slab, Visit&& visit) const;

@@ -14,6 +14,7 @@ MovedSites<Dim, T>::MovedSites(const Lattice<Dim>& lattice, Evolution evolution)
   std::size_t stride = 1;
   for (int axis = 0; axis < Dim; ++axis) {
     stride_[axis] = stride;
+    per_mm_[axis] = 1 / lattice.spacing[axis];
     stride *= static_cast<std::size_t>(lattice.size[axis]);
   }
   if (evolution == Evolution::Carried) return;

@@ -23,6 +23,7 @@ class MovedSites {
 
   const Lattice<Dim>& lattice() const { return lattice_; }
   const std::array<std::size_t, Dim>& strides() const { return stride_; }
+  const std::array<double, Dim>& per_mm() const { return per_mm_; }  ///< samples a mm, by axis
   const T* displacement() const { return displacement_; }
   ScatterPlan<Dim, T>& plan() { return plan_; }  ///< for whoever spreads something next
 
@@ -43,6 +44,7 @@ class MovedSites {
  private:
   Lattice<Dim> lattice_;
   std::array<std::size_t, Dim> stride_;
+  std::array<double, Dim> per_mm_;
   const T* displacement_ = nullptr;
   ScatterPlan<Dim, T> plan_;
   std::vector<T> jacobian_, jacobian_dual_;

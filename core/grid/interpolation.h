@@ -9,7 +9,8 @@
 namespace saltus {
 
 /// Cell of a lattice around a point, for (bi/tri)linear interpolation. Points outside are moved to the border, where
-/// the derivative across it is zero; so a sampled field is constant beyond its lattice.
+/// the derivative across it is zero; so a sampled field is constant beyond its lattice. What it does is the inside of
+/// all loops over sites, hence always inline.
 template <int Dim, class T>
 struct LinearCell {
   std::size_t base;                   ///< site of the lowest corner
@@ -19,17 +20,21 @@ struct LinearCell {
   std::array<T, Dim> slope;           ///< d fraction / d index coordinate: 1 inside, 0 where clamped
 
   /// `at`: index coordinates, in samples.
-  LinearCell(const Lattice<Dim>& lattice, const std::array<T, Dim>& at) {
+  [[gnu::always_inline]] LinearCell(const Lattice<Dim>& lattice, const std::array<T, Dim>& at) {
     base = 0;
     std::size_t stride = 1;
     for (int axis = 0; axis < Dim; ++axis) {
       const int last = lattice.size[axis] - 1;
       const T coordinate = at[axis];
-      // Written so that a NaN coordinate lands in a valid cell; its value stays visible through `fraction`.
+      // Without branches, and so that a NaN coordinate lands in a valid cell; its value stays visible through
+      // `fraction`.
       const bool inside = coordinate > T(0) && coordinate < T(last);
-      int cell = inside ? static_cast<int>(coordinate) : (coordinate >= T(last) ? std::max(last - 1, 0) : 0);
+      T clamped = coordinate > T(0) ? coordinate : T(0);
+      clamped = clamped < T(last) ? clamped : T(last);
+      int cell = static_cast<int>(clamped);
+      cell -= cell == last && last > 0;
       low[axis] = cell;
-      fraction[axis] = inside ? coordinate - T(cell) : (coordinate >= T(last) ? T(last > 0) : coordinate * T(0));
+      fraction[axis] = coordinate == coordinate ? clamped - T(cell) : coordinate;
       slope[axis] = inside ? T(1) : T(0);
       step[axis] = last > 0 ? stride : 0;
       base += stride * static_cast<std::size_t>(cell);
@@ -62,7 +67,7 @@ struct LinearCell {
 
   /// Value of an interleaved field with `Channels` channels.
   template <int Channels>
-  std::array<T, Channels> value(const T* field) const {
+  [[gnu::always_inline]] std::array<T, Channels> value(const T* field) const {
     std::array<T, Channels> sum{};
     for (int bits = 0; bits < corners; ++bits) {
       const T w = weight(bits);
@@ -74,7 +79,8 @@ struct LinearCell {
 
   /// sum_c dual[c] * d value[c] / d index coordinate, for each axis.
   template <int Channels>
-  std::array<T, Dim> pulled_back_gradient(const T* field, const std::array<T, Channels>& dual) const {
+  [[gnu::always_inline]] std::array<T, Dim> pulled_back_gradient(const T* field,
+                                                                 const std::array<T, Channels>& dual) const {
     std::array<T, corners> along;
     for (int bits = 0; bits < corners; ++bits) {
       const T* at = field + Channels * corner(bits);
@@ -82,9 +88,52 @@ struct LinearCell {
       for (int c = 0; c < Channels; ++c) sum += dual[c] * at[c];
       along[bits] = sum;
     }
-    std::array<T, Dim> gradient{};
-    for (int axis = 0; axis < Dim; ++axis)
-      for (int bits = 0; bits < corners; ++bits) gradient[axis] += weight_slope(bits, axis) * along[bits];
+    return gradient_of(along);
+  }
+
+  /// `value`, with one look at the corners for it and pulled_back_gradient.
+  template <int Channels>
+  [[gnu::always_inline]] std::array<T, Channels> value_and_gradient(const T* field, const std::array<T, Channels>& dual,
+                                                                    std::array<T, Dim>& gradient) const {
+    std::array<T, corners> along;
+    std::array<T, Channels> sum{};
+    for (int bits = 0; bits < corners; ++bits) {
+      const T w = weight(bits);
+      const T* at = field + Channels * corner(bits);
+      T product = 0;
+      for (int c = 0; c < Channels; ++c) {
+        sum[c] += w * at[c];
+        product += dual[c] * at[c];
+      }
+      along[bits] = product;
+    }
+    gradient = gradient_of(along);
+    return sum;
+  }
+
+ private:
+  /// d / d index coordinate of the interpolation of values at the corners: axis by axis, so that every axis halves what
+  /// is left.
+  [[gnu::always_inline]] std::array<T, Dim> gradient_of(std::array<T, corners> values) const {
+    T slopes[Dim][corners / 2];
+#pragma GCC unroll 3
+    for (int axis = 0; axis < Dim; ++axis) {
+      const int half = corners >> (axis + 1);
+#pragma GCC unroll 3
+      for (int before = 0; before < axis; ++before)
+#pragma GCC unroll 4
+        for (int k = 0; k < half; ++k)
+          slopes[before][k] =
+              slopes[before][2 * k] + fraction[axis] * (slopes[before][2 * k + 1] - slopes[before][2 * k]);
+#pragma GCC unroll 4
+      for (int k = 0; k < half; ++k) {
+        const T difference = values[2 * k + 1] - values[2 * k];
+        slopes[axis][k] = slope[axis] * difference;
+        values[k] = values[2 * k] + fraction[axis] * difference;
+      }
+    }
+    std::array<T, Dim> gradient;
+    for (int axis = 0; axis < Dim; ++axis) gradient[axis] = slopes[axis][0];
     return gradient;
   }
 };
