@@ -93,20 +93,10 @@ class ScatterPlan {
     for (int part = 0; part < parts; ++part) {
       const int begin = planes * part / parts, end = planes * (part + 1) / parts;
       for (int plane = std::max(0, begin - 1); plane < end; ++plane) {
-        const bool whole = plane >= begin && plane + 1 < end;
         for (std::uint32_t k = start_[plane]; k < start_[plane + 1]; ++k) {
           std::array<T, Channels> out;
           if (!value(order_[k], out)) continue;
-          const LinearCell<Dim, T> at = cell(order_[k]);
-          for (int bits = 0; bits < LinearCell<Dim, T>::corners; ++bits) {
-            if (!whole) {
-              const int touched = at.low[Dim - 1] + ((bits >> (Dim - 1) & 1) && at.step[Dim - 1] ? 1 : 0);
-              if (touched < begin || touched >= end) continue;
-            }
-            const T weight = at.weight(bits);
-            T* to = target + Channels * at.corner(bits);
-            for (int c = 0; c < Channels; ++c) to[c] += weight * out[c];
-          }
+          cell(order_[k]).template spread<Channels>(out, begin, end, target);
         }
       }
     }

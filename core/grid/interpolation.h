@@ -1,5 +1,6 @@
 #pragma once
 
+#include "core/grid/cell_row.h"
 #include "core/grid/lattice.h"
 
 #include <algorithm>
@@ -68,6 +69,8 @@ struct LinearCell {
   /// Value of an interleaved field with `Channels` channels.
   template <int Channels>
   [[gnu::always_inline]] std::array<T, Channels> value(const T* field) const {
+    if constexpr (has_rows<Channels>)
+      if (step[0] > 0) return rows_of(field).value(*this);
     std::array<T, Channels> sum{};
     for (int bits = 0; bits < corners; ++bits) {
       const T w = weight(bits);
@@ -81,6 +84,8 @@ struct LinearCell {
   template <int Channels>
   [[gnu::always_inline]] std::array<T, Dim> pulled_back_gradient(const T* field,
                                                                  const std::array<T, Channels>& dual) const {
+    if constexpr (has_rows<Channels>)
+      if (step[0] > 0) return rows_of(field).gradient(*this, dual);
     std::array<T, corners> along;
     for (int bits = 0; bits < corners; ++bits) {
       const T* at = field + Channels * corner(bits);
@@ -95,6 +100,12 @@ struct LinearCell {
   template <int Channels>
   [[gnu::always_inline]] std::array<T, Channels> value_and_gradient(const T* field, const std::array<T, Channels>& dual,
                                                                     std::array<T, Dim>& gradient) const {
+    if constexpr (has_rows<Channels>)
+      if (step[0] > 0) {
+        const Rows rows = rows_of(field);
+        gradient = rows.gradient(*this, dual);
+        return rows.value(*this);
+      }
     std::array<T, corners> along;
     std::array<T, Channels> sum{};
     for (int bits = 0; bits < corners; ++bits) {
@@ -111,7 +122,69 @@ struct LinearCell {
     return sum;
   }
 
+  /// Transpose of `value`: adds the weights times `given` to the corners whose index along the last axis is in
+  /// [begin, end).
+  template <int Channels>
+  [[gnu::always_inline]] void spread(const std::array<T, Channels>& given, int begin, int end, T* field) const {
+    const auto is_in = [&](int upper) {
+      const int index = low[Dim - 1] + (upper && step[Dim - 1] > 0 ? 1 : 0);
+      return index >= begin && index < end;
+    };
+    if constexpr (has_rows<Channels>)
+      if (step[0] > 0) {
+        const CellRow<T> row = CellRow<T>::of(given, 1 - fraction[0], fraction[0]);
+        for (int z = 0; z < 2; ++z) {
+          if (!is_in(z)) continue;
+          const T depth = z ? fraction[2] : 1 - fraction[2];
+          T* lower = field + 3 * (base + (z ? step[2] : 0));
+          T* upper = lower + 3 * step[1];
+          (CellRow<T>::load(lower) + row * (depth * (1 - fraction[1]))).store(lower);
+          (CellRow<T>::load(upper) + row * (depth * fraction[1])).store(upper);
+        }
+        return;
+      }
+    for (int bits = 0; bits < corners; ++bits) {
+      if (!is_in(bits >> (Dim - 1) & 1)) continue;
+      const T w = weight(bits);
+      T* to = field + Channels * corner(bits);
+      for (int c = 0; c < Channels; ++c) to[c] += w * given[c];
+    }
+  }
+
  private:
+  /// Whether corners are taken row by row; where the lattice has one sample along x there are no rows.
+  template <int Channels>
+  static constexpr bool has_rows = Dim == 3 && Channels == 3;
+
+  /// The rows of a 3-D cell by y and z.
+  struct Rows {
+    CellRow<T> row[2][2];
+
+    [[gnu::always_inline]] std::array<T, 3> value(const LinearCell& cell) const {
+      const T y = cell.fraction[1], z = cell.fraction[2];
+      return ((row[0][0] * (1 - y) + row[1][0] * y) * (1 - z) + (row[0][1] * (1 - y) + row[1][1] * y) * z)
+          .between(cell.fraction[0]);
+    }
+    [[gnu::always_inline]] std::array<T, 3> gradient(const LinearCell& cell, const std::array<T, 3>& dual) const {
+      const T y = cell.fraction[1], z = cell.fraction[2];
+      const CellRow<T> front = row[0][0] * (1 - y) + row[1][0] * y, back = row[0][1] * (1 - y) + row[1][1] * y;
+      const CellRow<T> up = (row[1][0] - row[0][0]) * (1 - z) + (row[1][1] - row[0][1]) * z;
+      const auto with_dual = [&](const std::array<T, 3>& v) {
+        return dual[0] * v[0] + dual[1] * v[1] + dual[2] * v[2];
+      };
+      return {cell.slope[0] * with_dual((front * (1 - z) + back * z).difference()),
+              cell.slope[1] * with_dual(up.between(cell.fraction[0])),
+              cell.slope[2] * with_dual((back - front).between(cell.fraction[0]))};
+    }
+  };
+  [[gnu::always_inline]] Rows rows_of(const T* field) const {
+    Rows rows;
+    for (int y = 0; y < 2; ++y)
+      for (int z = 0; z < 2; ++z)
+        rows.row[y][z] = CellRow<T>::load(field + 3 * (base + (y ? step[1] : 0) + (z ? step[2] : 0)));
+    return rows;
+  }
+
   /// d / d index coordinate of the interpolation of values at the corners: axis by axis, so that every axis halves what
   /// is left.
   [[gnu::always_inline]] std::array<T, Dim> gradient_of(std::array<T, corners> values) const {
