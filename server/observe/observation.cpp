@@ -23,14 +23,15 @@ std::string describe(const JobRecord& job, const JobStep& step) {
 
 }  // namespace
 
+// Who finds a call in the numbers finds it in the audit log.
 void Observation::ended(const CallRecord& call) {
-  metrics_.call_ended(call);
   if (call.is_change) audit_.add(call);
+  metrics_.call_ended(call);
 }
 
 void Observation::denied(const CallRecord& call) {
-  metrics_.call_denied(call);
   if (call.is_change) audit_.add(call);
+  metrics_.call_denied(call);
 }
 
 void Observation::count_jobs() {

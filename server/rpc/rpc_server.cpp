@@ -93,8 +93,8 @@ RpcServer::RpcServer(const RpcSettings& settings, JobManager& jobs, BlobCatalog&
 
 void RpcServer::ping(std::function<void(std::chrono::steady_clock::duration)> told) {
   {
-    std::lock_guard lock(ping_mutex_);
-    if (is_pinging_) return;
+    std::lock_guard lock(mutex_);
+    if (is_pinging_ || is_stopping_) return;
     is_pinging_ = true;
   }
   ping_ = std::make_unique<Ping>();
@@ -102,7 +102,7 @@ void RpcServer::ping(std::function<void(std::chrono::steady_clock::duration)> to
   self_->async()->GetServerInfo(&ping_->context, &ping_->request, &ping_->answer,
                                 [this, began, told = std::move(told)](const grpc::Status& status) {
                                   if (status.ok()) told(std::chrono::steady_clock::now() - began);
-                                  std::lock_guard lock(ping_mutex_);
+                                  std::lock_guard lock(mutex_);
                                   is_pinging_ = false;
                                   ping_ended_.notify_all();
                                 });
@@ -113,6 +113,8 @@ RpcServer::~RpcServer() { stop(std::chrono::milliseconds(0)); }
 void RpcServer::set_not_serving() { server_->GetHealthCheckService()->SetServingStatus(false); }
 
 void RpcServer::set_read_only() {
+  std::lock_guard lock(mutex_);
+  if (is_stopping_) return;
   is_read_only_ = true;
   for (const char* service : {v1::RegistrationService::service_full_name(), v1::BlobService::service_full_name(),
                               v1::WorkerService::service_full_name(), ""})
@@ -121,12 +123,14 @@ void RpcServer::set_read_only() {
 
 void RpcServer::stop(std::chrono::milliseconds grace) {
   if (!server_) return;
-  server_->Shutdown(std::chrono::system_clock::now() + grace);
-  server_->Wait();
   {
-    std::unique_lock lock(ping_mutex_);
+    // Before anything else: a call inside this process does not fail when its server goes, it jumps to nowhere.
+    std::unique_lock lock(mutex_);
+    is_stopping_ = true;
     ping_ended_.wait(lock, [this] { return !is_pinging_; });
   }
+  server_->Shutdown(std::chrono::system_clock::now() + grace);
+  server_->Wait();
   server_.reset();
 }
 

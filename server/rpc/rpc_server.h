@@ -51,11 +51,12 @@ class RpcServer {
   /// In the order of the addresses.
   const std::vector<int>& protected_ports() const { return protected_ports_; }
   /// Makes one call to this server, past the network, unless the last one is still under way: `told` gets the time from
-  /// end to end, on another thread. One thread at a time.
+  /// end to end, on another thread. One thread at a time. Makes none once stop() has begun.
   void ping(std::function<void(std::chrono::steady_clock::duration)> told);
   /// Health becomes NOT_SERVING; calls still work.
   void set_not_serving();
-  /// The services that write become NOT_SERVING, and so does the whole; what only reads still works.
+  /// The services that write become NOT_SERVING, and so does the whole; what only reads still works. Does nothing once
+  /// stop() has begun.
   void set_read_only();
   /// Takes no new calls, gives those under way until `grace` is over, then cancels them.
   void stop(std::chrono::milliseconds grace);
@@ -81,9 +82,10 @@ class RpcServer {
     v1::ServerInfo answer;
   };
   std::unique_ptr<Ping> ping_;
-  std::mutex ping_mutex_;
+  std::mutex mutex_;
   std::condition_variable ping_ended_;
   bool is_pinging_ = false;
+  bool is_stopping_ = false;
 };
 
 }  // namespace saltus::server

@@ -69,13 +69,14 @@ std::string scraped(int port) {
 TEST_F(Observed, TheNumbersMoveAsTheyMust) {
   const auto first = created();
   wait_until(calls("RegistrationService/CreateRegistrationJob", "OK"), 1);
-  EXPECT_EQ(value(calls("BlobService/WriteBlob", "OK")), 2);
+  wait_until(calls("BlobService/WriteBlob", "OK"), 2);
   EXPECT_EQ(value("saltusd_upload_bytes_total"), 11);  // "fixed", "moving"
   EXPECT_EQ(value("saltusd_jobs_submitted_total"), 1);
   const auto launch = launcher->wait_for_start(1);
-  EXPECT_EQ(value("saltusd_jobs{state=\"running\"}"), 1);
-  EXPECT_EQ(value("saltusd_attempts_started_total"), 1);
-  EXPECT_EQ(value("saltusd_queue_wait_seconds_count"), 1);
+  // The attempt may have begun a moment before it is told.
+  wait_until("saltusd_jobs{state=\"running\"}", 1);
+  wait_until("saltusd_attempts_started_total", 1);
+  wait_until("saltusd_queue_wait_seconds_count", 1);
   created();
   EXPECT_EQ(value("saltusd_jobs{state=\"queued\"}"), 1);
   EXPECT_EQ(value("saltusd_blobs"), 2);
@@ -142,6 +143,9 @@ TEST_F(Observed, EveryChangeIsInTheAuditLogAndNothingElse) {
     v1::RegistrationJob ignored;
     EXPECT_EQ(jobs->CancelRegistrationJob(&context, request, &ignored).error_code(), grpc::StatusCode::NOT_FOUND);
   }
+  wait_until(calls("BlobService/WriteBlob", "OK"), 2);
+  wait_until(calls("RegistrationService/CreateRegistrationJob", "OK"), 1);
+  wait_until(calls("RegistrationService/CancelRegistrationJob", "OK"), 1);
   wait_until(calls("RegistrationService/CancelRegistrationJob", "NOT_FOUND"), 1);
   const std::string text = audit();
   EXPECT_THAT(text, HasSubstr("\"identity\":\"local\",\"peer\":\"local\",\"method\":\"/saltus.v1.RegistrationService/"
