@@ -270,11 +270,12 @@ template <int Dim, class T>
 void CoadjointTransport<Dim, T>::zeroth_adjoint(MovedSites<Dim, T>& sites, const T* zeroth, const T* dual_field,
                                                 T* displacement_dual, T* zeroth_dual) {
   const T* displacement = sites.displacement();
+  const SitePlacement<Dim, T> place(lattice_, lattice_);
 #pragma omp parallel for schedule(static)
   for (int slab = 0; slab < lattice_.size[Dim - 1]; ++slab)
     visit_slab<Dim>(lattice_, slab, [&](const Index<Dim>& index, std::size_t site) {
       const Square<Dim, T> G = sites.inverse_jacobian(site).transpose();
-      const LinearCell<Dim, T> cell(lattice_, displaced<Dim, T>(lattice_, index, displacement + Dim * site, lattice_));
+      const LinearCell<Dim, T> cell(lattice_, place(index, displacement + Dim * site));
       const Column<Dim, T> dual = gather<Dim, T>(cell, dual_field), pulled = G.transpose() * dual;
       add_to<Dim, T>(zeroth_dual + Dim * site, pulled);
       if (is_zero<Dim, T>(zeroth + Dim * site)) return;
@@ -369,11 +370,11 @@ void CoadjointTransport<Dim, T>::carried_face_adjoint(const MovedSites<Dim, T>& 
 
 template <int Dim, class T>
 void CoadjointTransport<Dim, T>::pull_back(const MovedSites<Dim, T>& sites, const T* field, T scale, T* sum) const {
+  const SitePlacement<Dim, T> place(lattice_, lattice_);
 #pragma omp parallel for schedule(static)
   for (int slab = 0; slab < lattice_.size[Dim - 1]; ++slab)
     visit_slab<Dim>(lattice_, slab, [&](const Index<Dim>& index, std::size_t site) {
-      const LinearCell<Dim, T> cell(lattice_,
-                                    displaced<Dim, T>(lattice_, index, sites.displacement() + Dim * site, lattice_));
+      const LinearCell<Dim, T> cell(lattice_, place(index, sites.displacement() + Dim * site));
       add_to<Dim, T>(sum + Dim * site,
                      Column<Dim, T>(scale * (sites.inverse_jacobian(site) * gather<Dim, T>(cell, field))));
     });

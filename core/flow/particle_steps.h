@@ -14,12 +14,12 @@ namespace saltus {
 template <int Dim, class T>
 void advance(const Lattice<Dim>& points, const BlockMask<Dim>& where, const T* a, const T* at,
              const Lattice<Dim>& velocity_lattice, const T* velocity, T factor, T* out) {
+  const SitePlacement<Dim, T> place(points, velocity_lattice);
 #pragma omp parallel for schedule(static)
   for (int slab = 0; slab < points.size[Dim - 1]; ++slab)
     where.visit_sites(points, slab, [&](const Index<Dim>& index, std::size_t site) {
       static constexpr T none[Dim] = {};
-      const LinearCell<Dim, T> cell(velocity_lattice,
-                                    displaced<Dim, T>(points, index, at ? at + Dim * site : none, velocity_lattice));
+      const LinearCell<Dim, T> cell(velocity_lattice, place(index, at ? at + Dim * site : none));
       const std::array<T, Dim> v = cell.template value<Dim>(velocity);
       for (int c = 0; c < Dim; ++c) out[Dim * site + c] = (a ? a[Dim * site + c] : T(0)) + factor * v[c];
     });

@@ -43,6 +43,7 @@ class ScatterPlan {
       resize(sites_.size());
     }
     const std::size_t plane = from.sites() / static_cast<std::size_t>(slabs);
+    const SitePlacement<Dim, T> place(from, target);
 #pragma omp parallel for schedule(static)
     for (int slab = 0; slab < slabs; ++slab) {
       std::size_t point = static_cast<std::size_t>(slab) * plane;
@@ -50,7 +51,7 @@ class ScatterPlan {
         point = static_cast<std::size_t>(std::lower_bound(sites_.begin(), sites_.end(), point) - sites_.begin());
       where.visit_sites(from, slab, [&](const Index<Dim>& index, std::size_t site) {
         static constexpr T none[Dim] = {};
-        points_[point++] = displaced<Dim, T>(from, index, displacement ? displacement + Dim * site : none, target);
+        points_[point++] = place(index, displacement ? displacement + Dim * site : none);
       });
     }
     sort(target);

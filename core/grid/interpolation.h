@@ -211,18 +211,26 @@ struct LinearCell {
   }
 };
 
-/// Index coordinates on `lattice` of the point that site `index` of `from` reaches with displacement `mm`.
+/// Index coordinates on one lattice of the points that the sites of another reach with a displacement. No division for
+/// each point; a site's own coordinate is found in double, and so exactly where sites coincide, whatever T is.
 template <int Dim, class T>
-inline std::array<T, Dim> displaced(const Lattice<Dim>& from, const Index<Dim>& index, const T* mm,
-                                    const Lattice<Dim>& lattice) {
-  std::array<T, Dim> at;
-  for (int axis = 0; axis < Dim; ++axis) {
-    // The site's own index coordinate in double: exact for sites that coincide, whatever T is.
-    const double site =
-        (index[axis] * from.spacing[axis] + from.offset[axis] - lattice.offset[axis]) / lattice.spacing[axis];
-    at[axis] = static_cast<T>(site + static_cast<double>(mm[axis]) / lattice.spacing[axis]);
+struct SitePlacement {
+  std::array<double, Dim> scale, shift, per_mm;
+
+  SitePlacement(const Lattice<Dim>& from, const Lattice<Dim>& to) {
+    for (int axis = 0; axis < Dim; ++axis) {
+      scale[axis] = from.spacing[axis] / to.spacing[axis];
+      shift[axis] = (from.offset[axis] - to.offset[axis]) / to.spacing[axis];
+      per_mm[axis] = 1 / to.spacing[axis];
+    }
   }
-  return at;
-}
+  /// Site `index` with displacement `mm`.
+  std::array<T, Dim> operator()(const Index<Dim>& index, const T* mm) const {
+    std::array<T, Dim> at;
+    for (int axis = 0; axis < Dim; ++axis)
+      at[axis] = static_cast<T>(index[axis] * scale[axis] + shift[axis] + static_cast<double>(mm[axis]) * per_mm[axis]);
+    return at;
+  }
+};
 
 }  // namespace saltus

@@ -43,7 +43,7 @@ void expect_transpose() {
   for (int slab = 0; slab < s.from.size[Dim - 1]; ++slab)
     visit_slab<Dim>(s.from, slab, [&](const Index<Dim>& index, std::size_t site) {
       const LinearCell<Dim, double> cell(
-          s.to, displaced<Dim, double>(s.from, index, s.displacement.data() + Dim * site, s.to));
+          s.to, SitePlacement<Dim, double>(s.from, s.to)(index, s.displacement.data() + Dim * site));
       const auto value = cell.template value<2>(field.data());
       left += value[0] * weights[2 * site] + value[1] * weights[2 * site + 1];
     });

@@ -94,7 +94,7 @@ TEST(LinearCell, PassesOnNaN) {
 TEST(Displaced, FindsSitesOfAnotherLatticeInMillimetres) {
   const Lattice<2> from{{4, 4}, {2.0, 3.0}, {1.0, -1.0}}, to{{9, 9}, {0.5, 1.5}, {0.5, 0.5}};
   const double mm[2] = {0.25, -0.75};
-  const auto at = displaced<2, double>(from, {2, 3}, mm, to);
+  const auto at = SitePlacement<2, double>(from, to)({2, 3}, mm);
   EXPECT_DOUBLE_EQ(at[0], (2 * 2.0 + 1.0 + 0.25 - 0.5) / 0.5);
   EXPECT_DOUBLE_EQ(at[1], (3 * 3.0 - 1.0 - 0.75 - 0.5) / 1.5);
 }

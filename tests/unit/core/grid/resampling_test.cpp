@@ -43,7 +43,8 @@ void expect_linear_interpolation(const Pair<Dim>& pair) {
   const double none[Dim] = {};
   for (int slab = 0; slab < pair.target.size[Dim - 1]; ++slab)
     visit_slab<Dim>(pair.target, slab, [&](const Index<Dim>& index, std::size_t site) {
-      const LinearCell<Dim, double> cell(pair.source, displaced<Dim, double>(pair.target, index, none, pair.source));
+      const LinearCell<Dim, double> cell(pair.source,
+                                         SitePlacement<Dim, double>(pair.target, pair.source)(index, none));
       const auto value = cell.template value<2>(field.data());
       for (int c : {0, 1}) ASSERT_NEAR(out[2 * site + c], 5 + value[c], 1e-12);
     });
