@@ -316,10 +316,13 @@ void CoadjointTransport<Dim, T>::face_adjoint(MovedSites<Dim, T>& sites, int axi
       if (is_zero<Dim, T>(first + Dim * site)) return;
 
       const Column<Dim, T> n = face.G * load<Dim, T>(first + Dim * site);
-      const Column<Dim, T> s = unit_ * (face.dF.transpose() * n), pushed0 = face.G * s;
-      std::array<T, Dim> gradient =
-          zeroth_cell.template pulled_back_gradient<Dim>(zeroth_out_dual, as_array<Dim, T>(pushed0));
-      Square<Dim, T> F_dual = -pushed0 * s_dual.transpose() - n * pulled.transpose();
+      std::array<T, Dim> gradient{};
+      Square<Dim, T> F_dual = -n * pulled.transpose();
+      if (exact) {  // only then is anything known of zeroth_out_dual
+        const Column<Dim, T> pushed0 = face.G * (unit_ * (face.dF.transpose() * n));
+        gradient = zeroth_cell.template pulled_back_gradient<Dim>(zeroth_out_dual, as_array<Dim, T>(pushed0));
+        F_dual -= pushed0 * s_dual.transpose();
+      }
       for (int b = 0; b < Dim; ++b) {
         if (!exact && b != axis) continue;
         if (exact) F_dual(b, axis) += dual[b].dot(n);

@@ -79,9 +79,9 @@ struct MinimiserState {
 /// length of the whole energy and P the preconditioner: 0 exactly at a stationary point. The objective may revise its
 /// working set after each step; pairs hold 0 for unknowns that they were made without, which leaves s . y as it is.
 /// What is outside the working set is looked at after five iterations, then after ten more and so on up to forty, after
-/// five again once a look changed the set, and before a run ends for any reason but its limit: one that converges does
-/// so where nothing more wants to take part. `accepted` is called after each accepted
-/// step, when the state is complete, and says whether to go on.
+/// five again once a look changed the set, and before a run ends for any reason but its limit or being stopped: one
+/// that converges does so where nothing more wants to take part. `accepted` is called after each accepted step, when
+/// the state is complete, and says whether to go on.
 ///
 /// A state that has begun goes on after its last step, of which `accepted` is not told again; the summary counts from
 /// the beginning. When the objective throws, the state is still that of the last accepted step. Throws NumericalFailure

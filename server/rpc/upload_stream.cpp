@@ -100,6 +100,8 @@ class UploadStream final : public grpc::ServerReadReactor<v1::WriteBlobRequest> 
   /// The client must find its bytes safe, or nothing left, and its place free when it has the answer.
   void finish(std::exception_ptr error) {
     if (error && upload_) park();
+    // Whoever commits may hold the upload a little longer; its claim must not count beside the stored bytes.
+    if (upload_) upload_->claim.reset();
     upload_.reset();
     pass_.reset();
     Finish(status_of(error, context_));

@@ -338,7 +338,8 @@ void expect_same_from_active_blocks(Evolution evolution, double share, bool look
     return std::vector<Part>{make(x, static_cast<decltype(x)>(nullptr)), make(static_cast<decltype(x)>(nullptr), x + a),
                              make(static_cast<decltype(x)>(nullptr), x + a + Dim * field)};
   };
-  const auto run = [&](const std::vector<double>& m, const ActiveBlocks<Dim>& blocks, std::vector<double>& gradient) {
+  const auto run = [&](GeodesicShooting<Dim, double>& shooting, const std::vector<double>& m,
+                       const ActiveBlocks<Dim>& blocks, std::vector<double>& gradient) {
     const auto pointers = split(m.data(), [](const double* zeroth, const double* first) {
       return MomentumPointers<double>{zeroth, first};
     });
@@ -355,12 +356,18 @@ void expect_same_from_active_blocks(Evolution evolution, double share, bool look
     return velocities;
   };
   std::vector<double> expected_gradient, gradient;
-  const auto expected = run(zeros, all, expected_gradient), found = run(nans, some, gradient);
+  const auto expected = run(shooting, zeros, all, expected_gradient);
+  // Another one, in which nothing but NaN is left of what was before, and in the scratch of the scales too.
+  GeodesicShooting<Dim, double> poisoned({&wide, &narrow, &other}, fine, steps, evolution);
+  run(poisoned, std::vector<double>(whole, std::numeric_limits<double>::quiet_NaN()), all, gradient);
+  const auto found = run(poisoned, nans, some, gradient);
   for (int k = 0; k <= steps; ++k)
     for (std::size_t i = 0; i < field; ++i) ASSERT_NEAR(found[k][i], expected[k][i], 1e-13) << k << " " << i;
   is_wanted.resize(gradient.size(), 1);
   for (std::size_t i = 0; i < gradient.size(); ++i)
-    if (is_wanted[i]) { ASSERT_NEAR(gradient[i], expected_gradient[i], 1e-11) << i; }
+    if (is_wanted[i]) {
+      ASSERT_NEAR(gradient[i], expected_gradient[i], 1e-11) << i;
+    }
 }
 
 TEST(GeodesicShooting, MovesOnlySitesAroundActiveBlocks) {
