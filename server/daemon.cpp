@@ -45,7 +45,7 @@ Daemon::Daemon(const DaemonSettings& settings, std::function<void(const std::str
   store->on_commit([this](auto time, std::size_t writes) { metrics_.committed(time, writes); });
   const auto known = store->blobs();
   const std::set<std::string> known_digests(known.begin(), known.end());
-  bytes_.remove_unknown([&](const std::string& digest) { return known_digests.contains(digest); });
+  bytes_.take_back_unknown([&](const std::string& digest) { return known_digests.contains(digest); });
   store_ = std::move(store);
   if (parts.wrap_store) store_ = parts.wrap_store(std::move(store_));
 

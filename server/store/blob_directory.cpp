@@ -3,6 +3,7 @@
 #include "core/support/failpoint.h"
 #include "server/jobs/refusal.h"
 #include "server/store/disk_errors.h"
+#include "server/store/disk_record.h"
 #include "server/store/file_reader.h"
 
 #include <fcntl.h>
@@ -63,10 +64,12 @@ std::int64_t BlobDirectory::committed(const UploadPlan& plan) {
 void BlobDirectory::publish(BlobUpload& upload) {
   const fs::path target = path_of(upload.digest());
   state_.require_writable();
-  if (::mkdir(target.parent_path().c_str(), 0777) == 0)
+  if (::mkdir(target.parent_path().c_str(), 0777) == 0) {
+    SALTUS_RECORD_NEW_NAME("", target.parent_path().c_str());
     sync_folder(folders_.blobs);
-  else if (errno != EEXIST)
+  } else if (errno != EEXIST) {
     fail_write(state_, "cannot make " + target.parent_path().string());
+  }
   {
     const std::lock_guard lock(names_mutex_);
     uploads_.move(upload, target);
@@ -110,17 +113,21 @@ void BlobDirectory::remove(const std::string& digest) {
   SALTUS_FAILPOINT("remove.after");
 }
 
-int BlobDirectory::remove_unknown(const std::function<bool(const std::string&)>& is_known) {
-  int removed = 0;
+int BlobDirectory::take_back_unknown(const std::function<bool(const std::string&)>& is_known) {
+  // A daemon that was killed between making a folder and syncing its name has left one that publish would not sync.
+  sync_folder(folders_.blobs);
+  std::vector<std::pair<fs::path, std::string>> unknown;
   for (const auto& folder : fs::directory_iterator(folders_.blobs)) {
     if (!folder.is_directory()) continue;
     for (const auto& entry : fs::directory_iterator(folder.path())) {
       const std::string digest =
           std::string(kPrefix) + folder.path().filename().string() + entry.path().filename().string();
-      if (!is_known(digest)) removed += fs::remove(entry.path()) ? 1 : 0;
+      if (is_known(digest)) continue;
+      unknown.emplace_back(entry.path(), digest);
     }
   }
-  return removed;
+  for (const auto& [file, digest] : unknown) uploads_.take_back(file, digest);
+  return static_cast<int>(unknown.size());
 }
 
 std::vector<std::string> BlobDirectory::named_before(WallTime before) {

@@ -36,8 +36,10 @@ class BlobDirectory final : public BlobStore {
   std::unique_ptr<BlobReader> open(const std::string& digest, std::int64_t size) override;
   void remove(const std::string& digest) override;
 
-  /// Removes files that `is_known` does not know by digest: what a crash left between two steps. Returns how many.
-  int remove_unknown(const std::function<bool(const std::string& digest)>& is_known);
+  /// Takes the files that `is_known` does not know by digest back to the uploads, where they can be continued or
+  /// expire: they are what a crash left between a file's name and its row, or between the end of the row and of the
+  /// file. Returns how many. Syncs the names of the folders, which a daemon that was killed may have left without.
+  int take_back_unknown(const std::function<bool(const std::string& digest)>& is_known);
 
   std::vector<std::string> named_before(WallTime before) override;
   Leftovers expire_uploads(std::chrono::milliseconds age) override { return uploads_.expire(age); }

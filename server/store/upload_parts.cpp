@@ -39,6 +39,9 @@ std::string name_of(const UploadPlan& plan) {
          ".part";
 }
 
+/// In place of an id that nobody knows any more.
+constexpr const char* kTakenBack = "_taken_back_";
+
 bool can_be_continued(const std::string& name) {
   static const std::regex form(R"(([0-9a-f]{32}\.)?[A-Za-z0-9_-]{1,64}\.[0-9]{1,19}\.[0-9a-f]{64}\.part)");
   return std::regex_match(name, form);
@@ -72,22 +75,63 @@ void UploadParts::load() {
       fs::remove_all(entry.path());
       continue;
     }
-    auto part = std::make_shared<UploadPart>();
-    part->file = entry.path();
-    part->is_kept = true;
-    part->committed.reset();
-    part->touched = modified(status);
-    parts_.emplace(entry.path().filename(), std::move(part));
+    add(entry.path().filename(), modified(status));
   }
 }
 
+void UploadParts::add(const std::string& name, WallTime touched) {
+  auto part = std::make_shared<UploadPart>();
+  part->file = folder_ / name;
+  part->is_kept = true;
+  part->committed.reset();
+  part->touched = touched;
+  const std::lock_guard lock(mutex_);
+  parts_.insert_or_assign(name, std::move(part));
+}
+
+void UploadParts::take_back(const fs::path& file, const std::string& digest) {
+  struct stat status {};
+  if (::lstat(file.c_str(), &status) != 0) throw system_failure("cannot look at " + file.string());
+  UploadPlan plan;
+  plan.digest = digest;
+  plan.size = status.st_size;
+  plan.id = kTakenBack;
+  const std::string name = name_of(plan);
+  // What is no blob at all cannot be continued either.
+  if (!S_ISREG(status.st_mode) || !can_be_continued(name)) {
+    fs::remove_all(file);
+    return;
+  }
+  if (::rename(file.c_str(), (folder_ / name).c_str()) != 0) throw system_failure("cannot rename " + file.string());
+  add(name, modified(status));
+}
+
+/// Gives the upload's name to the bytes that were taken back for it, if there are any.
+void UploadParts::adopt(const UploadPlan& plan) {
+  UploadPlan nameless = plan;
+  nameless.id = kTakenBack;
+  nameless.owner.clear();
+  const std::lock_guard lock(mutex_);
+  const auto found = parts_.find(name_of(nameless));
+  const std::string name = name_of(plan);
+  if (found == parts_.end() || parts_.contains(name)) return;
+  const auto part = found->second;
+  const std::lock_guard part_lock(part->mutex);
+  if (part->is_gone || part->is_held || ::rename(part->file.c_str(), (folder_ / name).c_str()) != 0) return;
+  part->file = folder_ / name;
+  parts_.erase(found);
+  parts_.emplace(name, part);
+}
+
 std::shared_ptr<UploadPart> UploadParts::find(const UploadPlan& plan) {
+  adopt(plan);
   const std::lock_guard lock(mutex_);
   const auto found = parts_.find(name_of(plan));
   return found == parts_.end() ? nullptr : found->second;
 }
 
 std::shared_ptr<UploadPart> UploadParts::part_of(const UploadPlan& plan) {
+  adopt(plan);
   make_room();
   const std::lock_guard lock(mutex_);
   const std::string name = name_of(plan);

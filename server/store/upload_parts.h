@@ -57,6 +57,11 @@ class UploadParts {
   /// Renames a sealed upload's file; the caller syncs the folder it went to.
   void move(BlobUpload& upload, const std::filesystem::path& target);
 
+  /// A blob's file that has no row becomes an upload again, all of it committed: the next upload or question with its
+  /// digest and size gets it, whatever its id. A daemon that ended between a file's name and its row has left it, and
+  /// the bytes of that upload were promised to survive.
+  void take_back(const std::filesystem::path& file, const std::string& digest);
+
   /// Removes parts that no stream has been at for `age`.
   BlobStore::Leftovers expire(std::chrono::milliseconds age);
   /// Parts that wait to be continued or are being written.
@@ -68,6 +73,8 @@ class UploadParts {
   std::shared_ptr<UploadPart> part_of(const UploadPlan& plan);
   std::shared_ptr<UploadPart> find(const UploadPlan& plan);
   void load();
+  void add(const std::string& name, WallTime touched);
+  void adopt(const UploadPlan& plan);
   void make_room();
   void sync(UploadPart& part, int descriptor);
   void learn_committed(UploadPart& part);

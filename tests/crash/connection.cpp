@@ -11,6 +11,7 @@ using std::chrono::milliseconds;
 
 constexpr milliseconds patience{60000};
 constexpr milliseconds glance{200};
+constexpr std::size_t piece = 50000;  ///< bytes in one message of an upload
 
 void set_deadline(grpc::ClientContext& context, milliseconds time) {
   context.set_deadline(std::chrono::system_clock::now() + time);
@@ -45,12 +46,25 @@ Connection::Connection(const std::string& address) {
   const auto channel = grpc::CreateCustomChannel(address, grpc::InsecureChannelCredentials(), arguments);
   jobs_ = v1::RegistrationService::NewStub(channel);
   blobs_ = v1::BlobService::NewStub(channel);
+  admin_ = v1::AdminService::NewStub(channel);
 }
 
 std::string Connection::create(const v1::CreateRegistrationJobRequest& request, v1::RegistrationJob& job) {
   grpc::ClientContext context;
   set_deadline(context, patience);
   return reason_of(jobs_->CreateRegistrationJob(&context, request, &job), context);
+}
+
+std::string Connection::create_batch(const std::vector<v1::CreateRegistrationJobRequest>& requests,
+                                     std::vector<v1::RegistrationJob>& jobs) {
+  grpc::ClientContext context;
+  set_deadline(context, patience);
+  v1::BatchCreateRegistrationJobsRequest batch;
+  for (const auto& request : requests) *batch.add_requests() = request;
+  v1::BatchCreateRegistrationJobsResponse response;
+  const std::string reason = reason_of(jobs_->BatchCreateRegistrationJobs(&context, batch, &response), context);
+  jobs.assign(response.jobs().begin(), response.jobs().end());
+  return reason;
 }
 
 std::string Connection::get(const std::string& id, v1::RegistrationJob& job) {
@@ -114,7 +128,6 @@ std::string Connection::upload(const std::string& bytes) {
   v1::WriteBlobRequest request;
   request.set_digest(digest_of(bytes));
   request.set_size(static_cast<std::int64_t>(bytes.size()));
-  constexpr std::size_t piece = 50000;
   for (std::size_t at = 0; at == 0 || at < bytes.size(); at += piece) {
     request.set_data(bytes.substr(at, piece));
     if (!writer->Write(request)) break;
@@ -124,6 +137,50 @@ std::string Connection::upload(const std::string& bytes) {
   if (const std::string reason = reason_of(writer->Finish(), context); !reason.empty())
     throw Violation("an upload was refused: " + reason);
   return digest_of(bytes);
+}
+
+bool Connection::upload_piece(const std::string& bytes, const std::string& upload_id, std::size_t begin,
+                              std::size_t end) {
+  grpc::ClientContext context;
+  set_deadline(context, patience);
+  v1::WriteBlobResponse response;
+  const auto writer = blobs_->WriteBlob(&context, &response);
+  v1::WriteBlobRequest request;
+  request.set_digest(digest_of(bytes));
+  request.set_size(static_cast<std::int64_t>(bytes.size()));
+  request.set_upload_id(upload_id);
+  request.set_write_offset(static_cast<std::int64_t>(begin));
+  for (std::size_t at = begin; at == begin || at < end; at += piece) {
+    request.set_data(bytes.substr(at, std::min(piece, end - at)));
+    if (!writer->Write(request)) break;
+    request.Clear();
+  }
+  const bool is_whole = end == bytes.size();
+  if (is_whole)
+    writer->WritesDone();
+  else
+    context.TryCancel();
+  const grpc::Status status = writer->Finish();
+  if (status.error_code() == grpc::StatusCode::CANCELLED && !is_whole) return false;
+  const std::string reason = reason_of(status, context);
+  // The daemon may still be busy with the stream that was hung up before.
+  if (reason == "OFFSET_MISMATCH" || reason == "UPLOAD_TAKEN_OVER") return false;
+  if (!reason.empty()) throw Violation("an upload that goes on was refused: " + reason);
+  return true;
+}
+
+v1::QueryWriteStatusResponse Connection::upload_status(const std::string& bytes, const std::string& upload_id) {
+  grpc::ClientContext context;
+  set_deadline(context, patience);
+  v1::QueryWriteStatusRequest request;
+  request.set_digest(digest_of(bytes));
+  request.set_size(static_cast<std::int64_t>(bytes.size()));
+  request.set_upload_id(upload_id);
+  v1::QueryWriteStatusResponse response;
+  if (const std::string reason = reason_of(blobs_->QueryWriteStatus(&context, request, &response), context);
+      !reason.empty())
+    throw Violation("the status of an upload was refused: " + reason);
+  return response;
 }
 
 std::string Connection::download(const std::string& digest) {
@@ -171,6 +228,31 @@ std::vector<v1::RegistrationJob> Connection::list_all() {
     request.set_page_token(response.next_page_token());
   } while (!request.page_token().empty());
   return jobs;
+}
+
+void Connection::collect_garbage() {
+  grpc::ClientContext context;
+  set_deadline(context, patience);
+  v1::CollectGarbageResponse response;
+  if (const std::string reason = reason_of(admin_->CollectGarbage(&context, {}, &response), context); !reason.empty())
+    throw Violation("collecting garbage was refused: " + reason);
+  // Nothing here is older than an hour.
+  if (response.jobs() + response.blobs() + response.uploads() > 0)
+    throw Violation("garbage was collected that was none: " + response.ShortDebugString());
+}
+
+void Connection::check_blobs() {
+  grpc::ClientContext context;
+  set_deadline(context, patience);
+  const auto reader = admin_->Fsck(&context, {});
+  v1::FsckResponse response;
+  while (reader->Read(&response)) {
+  }
+  const std::string reason = reason_of(reader->Finish(), context);
+  if (reason == "RESOURCE_EXHAUSTED" || reason == "TOO_MANY_STREAMS") return;  // another client's is under way
+  if (!reason.empty()) throw Violation("the check of the blobs was refused: " + reason);
+  if (!response.is_done() || response.corrupt() + response.missing() + response.set_aside() > 0)
+    throw Violation("the daemon finds its own blobs damaged: " + response.ShortDebugString());
 }
 
 }  // namespace saltus::crash

@@ -1,5 +1,6 @@
 #pragma once
 
+#include "saltus/v1/admin.grpc.pb.h"
 #include "saltus/v1/registration.grpc.pb.h"
 
 #include <grpcpp/grpcpp.h>
@@ -37,15 +38,26 @@ class Connection {
   /// Stops after `events` events, or a moment without one.
   std::string watch(const std::string& id, int events, const std::function<void(const v1::RegistrationJob&)>& seen);
   std::string watch_to_the_end(const std::string& id, const std::function<void(const v1::RegistrationJob&)>& seen);
+  /// `jobs` in the order of the requests.
+  std::string create_batch(const std::vector<v1::CreateRegistrationJobRequest>& requests,
+                           std::vector<v1::RegistrationJob>& jobs);
   /// Its digest.
   std::string upload(const std::string& bytes);
+  /// Sends what belongs between `begin` and `end`, and then hangs up, unless that is the end of the whole. Returns
+  /// whether the upload is done.
+  bool upload_piece(const std::string& bytes, const std::string& upload_id, std::size_t begin, std::size_t end);
+  v1::QueryWriteStatusResponse upload_status(const std::string& bytes, const std::string& upload_id);
   std::string download(const std::string& digest);
   std::vector<std::string> missing(const std::vector<std::string>& digests);
   std::vector<v1::RegistrationJob> list_all();
+  void collect_garbage();
+  /// Reads every blob on the daemon's side. Throws Violation when one is damaged or missing.
+  void check_blobs();
 
  private:
   std::unique_ptr<v1::RegistrationService::Stub> jobs_;
   std::unique_ptr<v1::BlobService::Stub> blobs_;
+  std::unique_ptr<v1::AdminService::Stub> admin_;
 };
 
 std::string digest_of(const std::string& bytes);

@@ -1,6 +1,7 @@
 // Kills daemon and workers at named places and at random, under random traffic, and checks after each restart that
 // everything that was acknowledged is kept. Exit code 0 when it is.
 #include "core/image_io/write_image.h"
+#include "tests/crash/power_cut.h"
 #include "tests/crash/traffic.h"
 #include "tests/support/blob_pair.h"
 #include "tests/support/child_process.h"
@@ -36,21 +37,21 @@ struct Place {
   int passes;
 };
 constexpr Place places[] = {
-    {"sync.before", 15},
-    {"sync.after", 15},
-    {"rename.before", 8},
-    {"rename.after", 8},
-    {"remove.before", 4},
-    {"remove.after", 4},
-    {"commit.before", 15},
-    {"commit.after", 15},
-    {"acknowledge.after", 20},
-    {"launch.before", 3},
-    {"launch.after", 3},
-    {"reap.before", 3},
+    {"sync.before", 8},
+    {"sync.after", 8},
+    {"rename.before", 4},
+    {"rename.after", 4},
+    {"remove.before", 2},
+    {"remove.after", 2},
+    {"commit.before", 10},
+    {"commit.after", 10},
+    {"acknowledge.after", 12},
+    {"launch.before", 2},
+    {"launch.after", 2},
+    {"reap.before", 2},
     {"worker.acquired", 1},
-    {"worker.checkpoint.before", 3},
-    {"worker.checkpoint.after", 3},
+    {"worker.checkpoint.before", 2},
+    {"worker.checkpoint.after", 2},
     {"worker.upload.before", 2},
     {"worker.upload.after", 2},
     {"worker.complete.before", 1},
@@ -79,6 +80,7 @@ class Harness {
     std::string name = fs::temp_directory_path() / "saltus_crash_XXXXXX";
     if (!mkdtemp(name.data())) throw std::runtime_error("no temporary folder can be made");
     folder_ = name;
+    record_ = folder_ / "record";
     // Workers whose daemon was killed become children of this process, which ends them.
     prctl(PR_SET_CHILD_SUBREAPER, 1);
     make_clients(seed);
@@ -97,10 +99,11 @@ class Harness {
     return "cycle " + std::to_string(cycle_) + " (" + plan_ + "), data in " + folder_.string();
   }
   void summarise(std::ostream& out) const {
-    std::size_t jobs = 0, ended = 0, deleted = 0, uploads = 0;
+    std::size_t jobs = 0, ended = 0, deleted = 0, uploads = 0, cut_uploads = 0;
     std::map<std::string, int> ends;
     for (const Traffic& client : clients_) {
       uploads += client.model.uploads.size();
+      cut_uploads += client.model.pending.size();
       for (const KnownJob& job : client.model.jobs) {
         ++jobs;
         deleted += job.is_deleted;
@@ -109,9 +112,13 @@ class Harness {
       }
     }
     out << jobs << " jobs (" << deleted << " deleted, " << ended << " seen to end), " << uploads << " uploads, "
-        << deaths_ << " deaths of the daemon at a named place, " << kills_ << " at random, " << worker_kills_
-        << " workers killed at random";
-    for (const auto& [state, count] : ends) out << ", " << count << ' ' << state;
+        << cut_uploads << " more uploads cut and not yet continued.\n";
+    out << deaths_ << " deaths of the daemon at a named place, " << kills_ << " at random, " << worker_kills_
+        << " workers killed at random; " << cuts_ << " power cuts, which took the ends of " << losses_.files
+        << " files and " << losses_.names << " names; " << checks_ << " checks of all blobs.\nEnds:";
+    for (const auto& [state, count] : ends) out << ' ' << count << ' ' << state;
+    out << "\nDeaths:";
+    for (const auto& [place, count] : deaths_at_) out << ' ' << place << ' ' << count;
     out << '\n';
   }
 
@@ -120,7 +127,7 @@ class Harness {
 
   void start(const std::map<std::string, std::string>& environment) {
     const std::string socket = (folder_ / "socket").string();
-    std::map<std::string, std::string> variables{{"OMP_NUM_THREADS", "1"}};
+    std::map<std::string, std::string> variables{{"OMP_NUM_THREADS", "1"}, {"SALTUS_DISK_RECORD", record_.string()}};
     variables.insert(environment.begin(), environment.end());
     daemon_.emplace(std::vector<std::string>{programs_ / "saltusd-failpoints", "--data", folder_ / "data", "--listen",
                                              "unix:" + socket, "--worker", programs_ / "saltus-fake-worker", "--slots",
@@ -192,11 +199,15 @@ class Harness {
     const bool is_named = random_below(100) < 75;
     const bool from_the_start = random_below(100) < 15;
     const bool kills_workers = random_below(100) < 30;
+    cuts_power_ = random_below(100) < 25;
+    checks_blobs_ = random_below(100) < 5;
+    place_.clear();
     plan_ = "killed at random";
     if (is_named) {
       const Place& place = places[random_below(static_cast<int>(std::size(places)))];
       const std::string point = std::string(place.name) + ":" + std::to_string(1 + random_below(place.passes));
       environment = {{"SALTUS_FAILPOINT", point}, {"SALTUS_FAILPOINT_ARMED", armed.string()}};
+      place_ = place.name;
       plan_ = point + (from_the_start ? " from the start" : "");
     }
     if (from_the_start) std::ofstream(armed) << "yes";
@@ -205,8 +216,9 @@ class Harness {
     } catch (const std::runtime_error&) {
       // It came to its place before it could listen; then, and only then, its end by force is no fault.
       if (!from_the_start || daemon_->wait() != 128 + SIGKILL) throw;
-      ++deaths_;
+      count_death();
       daemon_.reset();
+      if (cuts_power_) cut_power_here();
       return;
     }
     if (check()) {
@@ -216,12 +228,33 @@ class Harness {
       throw Violation("the daemon ended by itself: " + daemon_->err());
     }
     const bool has_died = testing_support::ProcessHandle(daemon_->id()).ends_within(std::chrono::milliseconds(0));
-    ++(has_died ? deaths_ : kills_);
+    if (has_died)
+      count_death();
+    else
+      ++kills_;
     daemon_->signal(SIGKILL);
     if (const int code = daemon_->wait(); code != 128 + SIGKILL)
       throw Violation("the daemon ended by itself with code " + std::to_string(code) + ": " + daemon_->err());
     daemon_.reset();
-    if (random_below(4) == 0) end_orphans();
+    if (cuts_power_)
+      cut_power_here();
+    else if (random_below(4) == 0)
+      end_orphans();
+  }
+
+  void count_death() {
+    ++deaths_;
+    ++deaths_at_[place_];
+  }
+
+  /// All processes end, and what is not on the disk is gone.
+  void cut_power_here() {
+    end_orphans();
+    const Losses losses = cut_power(record_);
+    ++cuts_;
+    losses_.files += losses.files;
+    losses_.names += losses.names;
+    plan_ += ", then the power was cut";
   }
 
   void traffic(bool kills_workers) {
@@ -237,6 +270,19 @@ class Harness {
         }
       });
     }
+    std::exception_ptr check_error;
+    if (checks_blobs_) {
+      ++checks_;
+      threads.emplace_back([&] {
+        try {
+          Connection(address_).check_blobs();
+        } catch (const DaemonGone&) {
+          // It was killed meanwhile.
+        } catch (...) {
+          check_error = std::current_exception();
+        }
+      });
+    }
     if (kills_workers) {
       const auto workers = children_of(daemon_->id());
       if (!workers.empty()) {
@@ -245,6 +291,7 @@ class Harness {
       }
     }
     threads.clear();
+    errors.push_back(check_error);
     for (const auto& error : errors)
       if (error) std::rethrow_exception(error);
   }
@@ -277,6 +324,7 @@ class Harness {
     start({});
     if (!check()) throw Violation("the daemon ended by itself: " + daemon_->err());
     Connection daemon(address_);
+    for (Traffic& client : clients_) client.finish_uploads(daemon);
     for (Traffic& client : clients_)
       for (KnownJob& job : client.model.jobs) {
         if (job.is_deleted || job.end) continue;
@@ -289,16 +337,22 @@ class Harness {
       throw Violation("an orderly stop ended with code " + std::to_string(code));
     start({});
     if (!check()) throw Violation("the daemon ended by itself: " + daemon_->err());
+    Connection(address_).collect_garbage();
+    Connection(address_).check_blobs();
+    ++checks_;
     kill_daemon();
   }
 
   const fs::path programs_;
-  fs::path folder_;
+  fs::path folder_, record_;
   std::mt19937 generator_;
   std::deque<Traffic> clients_;
   std::optional<ChildProcess> daemon_;
-  std::string address_, plan_;
-  int cycle_ = 0, deaths_ = 0, kills_ = 0, worker_kills_ = 0;
+  std::string address_, plan_, place_;
+  bool cuts_power_ = false, checks_blobs_ = false;
+  int cycle_ = 0, deaths_ = 0, kills_ = 0, worker_kills_ = 0, cuts_ = 0, checks_ = 0;
+  std::map<std::string, int> deaths_at_;
+  Losses losses_;
 };
 
 int number(const char* variable, int otherwise) {

@@ -84,7 +84,37 @@ void Model::observe(KnownJob& job, const v1::RegistrationJob& said) {
   if (said.state() == v1::JOB_STATE_SUCCEEDED) require_expected_artifacts(said);
 }
 
+void Model::observe(KnownUpload& upload, const v1::QueryWriteStatusResponse& said) {
+  const auto size = static_cast<std::int64_t>(upload.bytes.size());
+  const std::string who = "upload " + upload.id + " of " + std::to_string(size) + " bytes";
+  if (said.complete() && said.committed_size() != size)
+    throw Violation(who + " is complete with " + std::to_string(said.committed_size()) + " bytes");
+  if (said.committed_size() < upload.committed)
+    throw Violation(who + " had " + std::to_string(upload.committed) + " bytes in safety and now has " +
+                    std::to_string(said.committed_size()));
+  if (said.committed_size() > size) throw Violation(who + " has more bytes than that");
+  upload.committed = said.committed_size();
+}
+
+void Model::check_batches(const std::vector<v1::RegistrationJob>& listed) const {
+  std::set<std::string> made;
+  for (const v1::RegistrationJob& job : listed)
+    if (label_of(job, owner_label) == owner_) made.insert(label_of(job, request_label));
+  std::map<int, int> asked, found;
+  for (const KnownJob& job : jobs) {
+    if (job.batch == 0 || !job.id.empty()) continue;
+    ++asked[job.batch];
+    found[job.batch] += made.contains(job.request.request_id());
+  }
+  for (const auto& [batch, count] : asked)
+    if (found[batch] != 0 && found[batch] != count)
+      throw Violation("of a batch of " + std::to_string(count) + " jobs " + std::to_string(found[batch]) +
+                      " were made");
+}
+
 void Model::resolve(Connection& daemon) {
+  if (std::any_of(jobs.begin(), jobs.end(), [](const KnownJob& job) { return job.batch > 0 && job.id.empty(); }))
+    check_batches(daemon.list_all());
   for (KnownJob& job : jobs) {
     if (!job.id.empty()) continue;
     v1::RegistrationJob made;
@@ -92,6 +122,7 @@ void Model::resolve(Connection& daemon) {
       throw Violation("request " + job.request.request_id() + ", repeated after a crash, was refused: " + reason);
     observe(job, made);
   }
+  for (KnownUpload& upload : pending) observe(upload, daemon.upload_status(upload.bytes, upload.id));
 }
 
 void Model::compare(Connection& daemon, const std::vector<v1::RegistrationJob>& listed) {

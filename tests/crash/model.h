@@ -14,12 +14,19 @@ namespace saltus::crash {
 struct KnownJob {
   v1::CreateRegistrationJobRequest request;
   std::string id;  ///< "" while the answer to its creation is not known
+  int batch = 0;   ///< jobs with the same number were asked for in one call; 0: alone
   bool is_cancel_tried = false;
   bool is_delete_tried = false;    ///< and the answer is not known
   bool is_deleted = false;         ///< which was acknowledged, or found to be so after a crash
   std::optional<std::string> end;  ///< state, reason, times and artefacts, once it was seen in a terminal state
   std::vector<v1::Artifact> artifacts;
   bool is_checked = false;  ///< its artefacts have been read
+};
+
+/// An upload whose stream was cut, to be continued.
+struct KnownUpload {
+  std::string bytes, id;
+  std::int64_t committed = 0;  ///< the daemon has said that so much is safe
 };
 
 /// What one client was told, and whether the daemon keeps to it. A breach is a Violation.
@@ -30,9 +37,14 @@ class Model {
   const std::string& owner() const { return owner_; }
   std::vector<KnownJob> jobs;
   std::vector<std::string> uploads;  ///< digests that were acknowledged
+  std::vector<KnownUpload> pending;  ///< cut
 
   /// A new job to ask for, with a request id and labels of its own.
   KnownJob& add(const v1::RegistrationSpec& spec);
+  /// Begins a new batch, to whose jobs its number is to be given.
+  int next_batch() { return ++batches_; }
+  /// The daemon says this of an upload that was cut. Throws Violation when it must not.
+  void observe(KnownUpload& upload, const v1::QueryWriteStatusResponse& said);
   /// The daemon says this of the job. Throws Violation when it must not.
   void observe(KnownJob& job, const v1::RegistrationJob& said);
 
@@ -47,7 +59,9 @@ class Model {
  private:
   void check_artifacts(Connection& daemon, KnownJob& job);
   std::string owner_;
-  int made_ = 0;
+  /// A batch whose answer is not known was done whole or not at all.
+  void check_batches(const std::vector<v1::RegistrationJob>& listed) const;
+  int made_ = 0, batches_ = 0;
 };
 
 }  // namespace saltus::crash

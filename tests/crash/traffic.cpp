@@ -9,6 +9,7 @@ namespace {
 
 constexpr int largest_blob = 200000;
 constexpr int recent_jobs = 12;
+constexpr int largest_batch = 4;
 constexpr int one_in_so_many_is_real = 12;
 
 void require(bool is_kept, const std::string& what) {
@@ -40,39 +41,91 @@ KnownJob* Traffic::random_job() {
 
 void Traffic::act(Connection& daemon) {
   const int choice = random_below(100);
-  if (choice < 20) return upload(daemon);
-  if (choice < 45) return create(daemon);
+  if (choice < 10) return upload(daemon);
+  if (choice < 16) return begin_upload(daemon);
+  if (choice < 24) return continue_upload(daemon);
+  if (choice < 42) return create(daemon);
+  if (choice < 46) return create_batch(daemon);
   if (choice < 52) return create_again(daemon);
   if (choice < 65) return get(daemon);
   if (choice < 75) return watch(daemon);
   if (choice < 85) return cancel(daemon);
-  if (choice < 97) return remove(daemon);
+  if (choice < 96) return remove(daemon);
+  if (choice < 98) return daemon.collect_garbage();
   model.compare(daemon, daemon.list_all());
 }
 
-void Traffic::upload(Connection& daemon) {
+std::string Traffic::random_bytes() {
   std::string bytes(static_cast<std::size_t>(random_below(largest_blob)), '\0');
   for (std::size_t i = 0; i < bytes.size(); i += 64) bytes[i] = static_cast<char>(generator_());
-  bytes += model.owner() + std::to_string(generator_());
-  model.uploads.push_back(daemon.upload(bytes));
+  return bytes + model.owner() + std::to_string(generator_());
+}
+
+void Traffic::upload(Connection& daemon) { model.uploads.push_back(daemon.upload(random_bytes())); }
+
+void Traffic::begin_upload(Connection& daemon) {
+  KnownUpload upload;
+  upload.bytes = random_bytes();
+  upload.id = model.owner() + "-" + std::to_string(generator_());
+  model.pending.push_back(upload);
+  const std::size_t end = static_cast<std::size_t>(random_below(static_cast<int>(upload.bytes.size())));
+  require(!daemon.upload_piece(upload.bytes, upload.id, 0, end), "an upload that was cut is said to be done");
+}
+
+void Traffic::continue_upload(Connection& daemon) {
+  if (model.pending.empty()) return begin_upload(daemon);
+  const auto chosen = static_cast<std::size_t>(random_below(static_cast<int>(model.pending.size())));
+  KnownUpload& upload = model.pending[chosen];
+  const auto status = daemon.upload_status(upload.bytes, upload.id);
+  model.observe(upload, status);
+  const auto begin = static_cast<std::size_t>(status.committed_size());
+  std::size_t end = upload.bytes.size();
+  if (random_below(3) == 0) end = begin + static_cast<std::size_t>(random_below(static_cast<int>(end - begin) + 1));
+  if (!status.complete() && !daemon.upload_piece(upload.bytes, upload.id, begin, end)) return;
+  model.uploads.push_back(digest_of(upload.bytes));
+  model.pending.erase(model.pending.begin() + static_cast<std::ptrdiff_t>(chosen));
+}
+
+void Traffic::finish_uploads(Connection& daemon) {
+  while (!model.pending.empty()) continue_upload(daemon);
+}
+
+v1::RegistrationSpec Traffic::random_spec() {
+  if (random_below(one_in_so_many_is_real) == 0) return real_;
+  v1::RegistrationSpec spec;
+  const auto any = [this] {
+    return model.uploads[static_cast<std::size_t>(random_below(static_cast<int>(model.uploads.size())))];
+  };
+  spec.mutable_fixed()->set_digest(any());
+  spec.mutable_fixed()->set_format("mha");
+  spec.mutable_moving()->set_digest(any());
+  spec.mutable_moving()->set_format("mha");
+  spec.set_output_format(fake_format);
+  (*spec.mutable_settings())["regularisation"] = "0." + std::to_string(1 + random_below(1000000));
+  return spec;
+}
+
+void Traffic::create_batch(Connection& daemon) {
+  if (model.uploads.empty()) return upload(daemon);
+  const int batch = model.next_batch();
+  const std::size_t first = model.jobs.size(), count = static_cast<std::size_t>(2 + random_below(largest_batch - 1));
+  std::vector<v1::CreateRegistrationJobRequest> requests;
+  for (std::size_t i = 0; i < count; ++i) {
+    KnownJob& job = model.add(random_spec());
+    job.batch = batch;
+    requests.push_back(job.request);
+  }
+  std::vector<v1::RegistrationJob> said;
+  const std::string reason = daemon.create_batch(requests, said);
+  require(reason.empty(), "a batch was refused: " + reason);
+  require(said.size() == count,
+          "a batch of " + std::to_string(count) + " has " + std::to_string(said.size()) + " jobs");
+  for (std::size_t i = 0; i < count; ++i) model.observe(model.jobs[first + i], said[i]);
 }
 
 void Traffic::create(Connection& daemon) {
   if (model.uploads.empty()) return upload(daemon);
-  v1::RegistrationSpec spec = real_;
-  if (random_below(one_in_so_many_is_real) > 0) {
-    spec.Clear();
-    const auto any = [this] {
-      return model.uploads[static_cast<std::size_t>(random_below(static_cast<int>(model.uploads.size())))];
-    };
-    spec.mutable_fixed()->set_digest(any());
-    spec.mutable_fixed()->set_format("mha");
-    spec.mutable_moving()->set_digest(any());
-    spec.mutable_moving()->set_format("mha");
-    spec.set_output_format(fake_format);
-    (*spec.mutable_settings())["regularisation"] = "0." + std::to_string(1 + random_below(1000000));
-  }
-  KnownJob& job = model.add(spec);
+  KnownJob& job = model.add(random_spec());
   v1::RegistrationJob said;
   const std::string reason = daemon.create(job.request, said);
   require(reason.empty(), "a job was refused: " + reason);

@@ -16,12 +16,20 @@ class Traffic {
   /// Does so many things, or fewer when the daemon goes. Throws Violation.
   void run(const std::string& address, int actions);
 
+  /// Brings every upload that was cut to its end. Throws DaemonGone.
+  void finish_uploads(Connection& daemon);
+
   Model model;
 
  private:
   void act(Connection& daemon);
   void upload(Connection& daemon);
+  /// Begins an upload and hangs up somewhere.
+  void begin_upload(Connection& daemon);
+  /// Goes on with one that was cut, to its end or to another cut.
+  void continue_upload(Connection& daemon);
   void create(Connection& daemon);
+  void create_batch(Connection& daemon);
   void create_again(Connection& daemon);
   void get(Connection& daemon);
   void watch(Connection& daemon);
@@ -29,6 +37,8 @@ class Traffic {
   void remove(Connection& daemon);
   int random_below(int count) { return std::uniform_int_distribution<int>(0, count - 1)(generator_); }
   KnownJob* random_job();
+  std::string random_bytes();
+  v1::RegistrationSpec random_spec();
 
   std::mt19937 generator_;
   const v1::RegistrationSpec real_;

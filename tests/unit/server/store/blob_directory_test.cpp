@@ -147,12 +147,28 @@ TEST_F(BlobDirectoryTest, ADigestThatIsAPathIsRefused) {
     EXPECT_EQ(reason_of([&] { blobs.holds(digest, 1); }), "INVALID_FIELD") << digest;
 }
 
-TEST_F(BlobDirectoryTest, FilesWithoutARowAreRemoved) {
+TEST_F(BlobDirectoryTest, FilesWithoutARowBecomeUploadsAgain) {
   put("known");
   put("unknown");
-  EXPECT_EQ(blobs.remove_unknown([](const std::string& digest) { return digest == digest_of("known"); }), 1);
+  EXPECT_EQ(blobs.take_back_unknown([](const std::string& digest) { return digest == digest_of("known"); }), 1);
   EXPECT_TRUE(blobs.holds(digest_of("known"), 5));
   EXPECT_FALSE(blobs.holds(digest_of("unknown"), 7));
+  // The upload that was to make it has all of its bytes, and no other has.
+  UploadPlan plan;
+  plan.digest = digest_of("unknown");
+  plan.size = 7;
+  plan.id = "mine";
+  UploadPlan longer = plan;
+  longer.size = 8;
+  EXPECT_EQ(blobs.committed(longer), 0);
+  EXPECT_EQ(blobs.committed(plan), 7);
+  plan.offset = 7;
+  auto upload = blobs.begin(plan);
+  while (!upload->prepare(100)) {
+  }
+  upload->seal();
+  blobs.publish(*upload);
+  EXPECT_TRUE(blobs.holds(digest_of("unknown"), 7));
 }
 
 TEST(DataDirectoryTest, ASecondDaemonIsRefused) {
