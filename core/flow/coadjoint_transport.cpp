@@ -82,14 +82,10 @@ struct CoadjointTransport<Dim, T>::Face {
     }
   }
 
+  /// Finds the matrices; of sites that have Jacobians.
   void differentiate(const MovedSites<Dim, T>& sites, int axis) {
     F.setZero();
     dF.setZero();
-    if (!sites.has_jacobians()) {
-      F.setIdentity();
-      G.setIdentity();
-      return;
-    }
     for (int side = 0; side < 2; ++side) {
       F += T(0.5) * load_matrix<Dim, T>(sites.jacobians() + Dim * Dim * beside[side]);
       T derivative[Dim * Dim];
@@ -136,23 +132,23 @@ template <int Dim, class T>
 MomentumMasks<Dim> CoadjointTransport<Dim, T>::reached(const MovedSites<Dim, T>& sites,
                                                        const AxisBlocks<Dim>& blocks) const {
   const auto all = BlockMask<Dim>::all(lattice_), none = BlockMask<Dim>::none(lattice_);
-  MomentumMasks<Dim> masks{has_zeroth_ ? all : none, masks_of<Dim>(lattice_, {})};
-  masks.first.fill(none);
-  const bool exact = evolution_ == Evolution::Exact;
+  MomentumMasks<Dim> masks(has_zeroth_ ? all : none, none);
   for (int axis = 0; has_first_ && axis < Dim; ++axis) {
     BlockMask<Dim> start = blocks[axis] ? blocks[axis]->mask() : all;
     if (start.is_empty()) continue;
     start.complete_if_dense();  // what most blocks reach is dense as well
+    std::vector<int> open;      // orders whose mask has room; -1 is order 0
     for (int b = -1; b < Dim; ++b) {
-      if (!exact && b != axis) continue;  // nothing turns into another order or axis
+      if (evolution_ != Evolution::Exact && b != axis) continue;  // nothing turns into another order or axis
       BlockMask<Dim>& mask = b < 0 ? masks.zeroth : masks.first[b];
       if (start.is_all()) mask = all;
-      if (mask.is_all()) continue;
-      for (int slab = 0; slab < lattice_.size[Dim - 1]; ++slab)
-        blocks[axis]->visit_slab(slab, [&](const Index<Dim>& index, std::size_t site) {
-          mask.mark_cell(LinearCell<Dim, T>(lattice_, Face(sites, axis, index, site).on(b)));
-        });
+      if (!mask.is_all()) open.push_back(b);
     }
+    for (int slab = 0; slab < lattice_.size[Dim - 1] && !open.empty(); ++slab)
+      blocks[axis]->visit_slab(slab, [&](const Index<Dim>& index, std::size_t site) {
+        const Face face(sites, axis, index, site);
+        for (int b : open) (b < 0 ? masks.zeroth : masks.first[b]).mark_cell(LinearCell<Dim, T>(lattice_, face.on(b)));
+      });
   }
   masks.zeroth.complete_if_dense();
   for (BlockMask<Dim>& mask : masks.first) mask.complete_if_dense();
@@ -282,7 +278,7 @@ void CoadjointTransport<Dim, T>::zeroth_adjoint(MovedSites<Dim, T>& sites, const
       const Column<Dim, T> m = load<Dim, T>(zeroth + Dim * site), pushed = G * m;
       const std::array<T, Dim> gradient = cell.template pulled_back_gradient<Dim>(dual_field, as_array<Dim, T>(pushed));
       for (int a = 0; a < Dim; ++a)
-        displacement_dual[Dim * site + a] += gradient[a] / static_cast<T>(lattice_.spacing[a]);
+        displacement_dual[Dim * site + a] += gradient[a] * static_cast<T>(sites.per_mm()[a]);
       if (evolution_ == Evolution::Carried) return;
       // d G = -G dF^T G, so the dual of F is -G (dual m^T)^T G = -(G m) (G^T dual)^T.
       add_to<Dim, T>(sites.jacobian_duals() + Dim * Dim * site, Square<Dim, T>(-pushed * pulled.transpose()));
@@ -334,7 +330,7 @@ void CoadjointTransport<Dim, T>::face_adjoint(MovedSites<Dim, T>& sites, int axi
       }
       for (int side = 0; side < 2; ++side)
         for (int a = 0; a < Dim; ++a)
-          displacement_dual[Dim * face.beside[side] + a] += T(0.5) * gradient[a] / static_cast<T>(lattice_.spacing[a]);
+          displacement_dual[Dim * face.beside[side] + a] += T(0.5) * gradient[a] * static_cast<T>(sites.per_mm()[a]);
       const Square<Dim, T> dF_dual = static_cast<T>(0.5 / lattice_.spacing[axis]) * unit_ * (n * s_dual.transpose());
       for (int side = 0; side < 2; ++side) {
         const std::size_t beside = face.beside[side];

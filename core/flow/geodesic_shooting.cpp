@@ -200,7 +200,7 @@ void GeodesicShooting<Dim, T>::adjoint(const std::vector<MomentumPointers<T>>& m
       shared->acting.clear(shared->lattice, Dim, shared->predicted_dual.data());
       if (k < time_steps_)
         advance_adjoint<Dim, T>(shared->lattice, shared->acting, shared->predicted[k].data(), lattice_,
-                                velocities_[k].data(), dt / 2, shared->position_dual.data(), plan_,
+                                velocities_[k].data(), dt / 2, shared->position_dual.data(), shared->sites.plan(),
                                 velocity_duals[k].data(), shared->predicted_dual.data());
     }
     // v_k is used nowhere else: its dual is complete.
@@ -254,8 +254,8 @@ void GeodesicShooting<Dim, T>::adjoint(const std::vector<MomentumPointers<T>>& m
         }
       });
       advance_adjoint<Dim, T>(shared->lattice, shared->acting, pointer(shared->position[k - 1]), lattice_,
-                              velocities_[k - 1].data(), dt, through_velocity, plan_, velocity_duals[k - 1].data(),
-                              position_dual);
+                              velocities_[k - 1].data(), dt, through_velocity, shared->sites.plan(),
+                              velocity_duals[k - 1].data(), position_dual);
     }
   }
 }

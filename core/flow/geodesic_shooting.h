@@ -2,7 +2,6 @@
 
 #include "core/flow/coadjoint_transport.h"
 #include "core/flow/moved_sites.h"
-#include "core/flow/scatter_plan.h"
 #include "core/grid/resampling.h"
 #include "core/momenta/momentum_scale.h"
 
@@ -104,7 +103,6 @@ class GeodesicShooting {
   std::vector<ScaleState> states_;
   std::vector<Field<T>> velocities_;
   ActiveBlocks<Dim> blocks_;
-  ScatterPlan<Dim, T> plan_;
   std::function<void()> poll_;
 };
 

@@ -5,7 +5,8 @@
 namespace saltus {
 namespace {
 
-/// The share of blocks from which on a mask is completed. Measured with `saltus-bench blocks`.
+/// The share of blocks from which on a mask is completed. A pair with 85 % of its blocks active takes .96 of the CPU
+/// time that it takes with 0.6 (medians of three runs in turn).
 constexpr double kDenseShare = 0.92;
 
 }  // namespace

@@ -131,17 +131,4 @@ class BlockMask {
   std::vector<char> marks_;  ///< by block; kept also where all_ is set
 };
 
-/// The masks of the fields of one scale's momenta.
-template <int Dim>
-struct MomentumMasks {
-  BlockMask<Dim> zeroth;
-  std::array<BlockMask<Dim>, Dim> first;
-
-  bool is_empty() const {
-    for (const BlockMask<Dim>& mask : first)
-      if (!mask.is_empty()) return false;
-    return zeroth.is_empty();
-  }
-};
-
 }  // namespace saltus

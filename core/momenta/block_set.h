@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <array>
 #include <cstdint>
+#include <utility>
 #include <vector>
 
 namespace saltus {
@@ -116,5 +117,26 @@ std::array<BlockMask<Dim>, Dim> masks_of(const Lattice<Dim>& lattice, const Axis
   else
     return {mask(0), mask(1), mask(2)};
 }
+
+/// Where the fields of one scale's momenta are worth anything.
+template <int Dim>
+struct MomentumMasks {
+  BlockMask<Dim> zeroth;
+  std::array<BlockMask<Dim>, Dim> first;
+
+  /// The same for all axes.
+  MomentumMasks(const BlockMask<Dim>& zeroth, const BlockMask<Dim>& each_first)
+      : MomentumMasks(zeroth, each_first, std::make_index_sequence<Dim>()) {}
+
+  bool is_empty() const {
+    return zeroth.is_empty() &&
+           std::all_of(first.begin(), first.end(), [](const BlockMask<Dim>& mask) { return mask.is_empty(); });
+  }
+
+ private:
+  template <std::size_t... Axis>
+  MomentumMasks(const BlockMask<Dim>& zeroth, const BlockMask<Dim>& each_first, std::index_sequence<Axis...>)
+      : zeroth(zeroth), first{(static_cast<void>(Axis), each_first)...} {}
+};
 
 }  // namespace saltus

@@ -47,9 +47,7 @@ MomentumScale<Dim, T>::MomentumScale(const MomentumScaleOptions<Dim>& options) :
 template <int Dim, class T>
 MomentumMasks<Dim> MomentumScale<Dim, T>::everywhere() const {
   const auto all = BlockMask<Dim>::all(lattice()), none = BlockMask<Dim>::none(lattice());
-  MomentumMasks<Dim> masks{has_zeroth(options_.orders) ? all : none, masks_of<Dim>(lattice(), {})};
-  if (!has_first_order()) masks.first.fill(none);
-  return masks;
+  return MomentumMasks<Dim>(has_zeroth(options_.orders) ? all : none, has_first_order() ? all : none);
 }
 
 /// Convolves with the kernel along all axes above `axis`; the result is in scratch 1 or 2, or `part` itself.

@@ -11,7 +11,7 @@ namespace saltus {
 namespace {
 
 /// Iterations from one look at what is outside the working set to the next: few enough at first that what is missing
-/// joins soon; twice as many each time that nothing did, so that looks in vain hardly show.
+/// joins soon; twice as many each time that the set stayed as it was, so that looks in vain hardly show.
 constexpr int kFirstLookGap = 5, kLargestLookGap = 40;
 
 template <class T>
