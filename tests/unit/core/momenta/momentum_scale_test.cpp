@@ -5,33 +5,18 @@
 #include <algorithm>
 #include <cmath>
 #include <functional>
-#include <limits>
-#include <ostream>
-#include <string>
 
-#include "core/support/errors.h"
 #include "tests/support/finite_differences.h"
-#include "tests/support/random_blocks.h"
 #include "tests/support/random_fields.h"
+#include "tests/unit/core/momenta/momentum_scale_cases.h"
 
 namespace saltus {
 namespace {
 
 using testing::dot;
+using testing::Momenta;
+using testing::MomentumScaleTest;
 using testing::random_values;
-
-template <int Dim>
-Lattice<Dim> lattice() {
-  if constexpr (Dim == 2)
-    return {{9, 7}, {1.0, 1.5}, {0.3, -0.2}};
-  else
-    return {{6, 5, 4}, {1.0, 1.3, 2.1}, {}};
-}
-
-template <int Dim>
-MomentumScaleOptions<Dim> options(Orders orders, KernelSum kernel) {
-  return {std::move(kernel), lattice<Dim>(), orders, 2.5, 0.8};
-}
 
 /// Index difference of two sites along each axis.
 template <int Dim>
@@ -102,45 +87,6 @@ class Dense {
 
   const MomentumScaleOptions<Dim>& made_;
   std::vector<std::array<KernelTaps, Dim>> taps_;
-};
-
-struct Case {
-  Orders orders;
-  const char* kernel;
-};
-
-std::string name_of(const Case& how) {
-  const char* orders = how.orders == Orders::Zeroth ? "Zeroth" : how.orders == Orders::First ? "First" : "Both";
-  return std::string(orders) + "_" + how.kernel;
-}
-void PrintTo(const Case& how, std::ostream* out) { *out << name_of(how); }
-
-class MomentumScaleTest : public ::testing::TestWithParam<Case> {
- protected:
-  /// Three components, so that what is kept from one to the next is used twice.
-  static KernelSum mixed() {
-    return KernelSum(
-        {{2.0, make_wendland_profile(3.2)}, {1.0, make_wendland_profile(7.5)}, {0.5, make_gaussian_profile(1.4)}});
-  }
-  template <int Dim>
-  MomentumScaleOptions<Dim> made() const {
-    const std::string kernel = GetParam().kernel;
-    return options<Dim>(GetParam().orders, kernel == "gaussian"   ? KernelSum(make_gaussian_profile(1.8))
-                                           : kernel == "wendland" ? KernelSum(make_wendland_profile(3.2))
-                                                                  : mixed());
-  }
-};
-
-/// Random momenta with the pointers that a scale wants.
-template <int Dim>
-struct Momenta {
-  std::vector<double> zeroth, first;
-  Momenta(const MomentumScale<Dim, double>& scale, std::uint64_t seed) {
-    if (has_zeroth(scale.options().orders)) zeroth = random_values(scale.field_size(), seed);
-    if (scale.has_first_order()) first = random_values(Dim * scale.field_size(), seed + 1);
-  }
-  const double* zeroth_or_null() const { return zeroth.empty() ? nullptr : zeroth.data(); }
-  const double* first_or_null() const { return first.empty() ? nullptr : first.data(); }
 };
 
 // Oracle: the dense sum over all sites.
@@ -264,88 +210,7 @@ TEST_P(MomentumScaleTest, HasTheTotalEnergyOfAllPairsOfOrders) {
   expect_total_energy<3>(made<3>());
 }
 
-// Oracle: the same everywhere, with 0 where there is no momentum. What stands outside the blocks is a NaN.
-template <int Dim>
-void expect_same_in_blocks(MomentumScaleOptions<Dim> made) {
-  if constexpr (Dim == 2)
-    made.lattice = {{35, 22}, {1.0, 1.5}, {}};
-  else
-    made.lattice = {{21, 14, 17}, {1.0, 1.3, 2.1}, {}};
-  MomentumScale<Dim, double> scale(made);
-  const Momenta<Dim> m(scale, 13);
-  const std::size_t field = scale.field_size();
-  constexpr double nan = std::numeric_limits<double>::quiet_NaN();
-  for (std::uint64_t seed = 1; seed < 5; ++seed) {
-    const double share = seed == 1 ? 0.03 : seed == 2 ? 0.0 : 0.2;
-    MomentumMasks<Dim> at = scale.everywhere(), wanted = at;
-    const auto limit = [&](BlockMask<Dim>& some, BlockMask<Dim>& more, std::uint64_t number) {
-      if (some.is_empty()) return;
-      some = testing::random_blocks<Dim>(made.lattice, number, share);
-      more = testing::random_blocks<Dim>(made.lattice, number + 50, 0.1);
-      more |= some;
-    };
-    if (seed > 3) limit(at.zeroth, wanted.zeroth, 10 * seed);
-    for (int axis = 0; axis < Dim; ++axis) limit(at.first[axis], wanted.first[axis], 10 * seed + 1 + axis);
-
-    const auto limited = [&](const double* values, const BlockMask<Dim>& mask, double outside) {
-      return testing::only_in<Dim, double>(made.lattice, mask, {values, values + field}, outside);
-    };
-    // Momenta (and wherever `targets` is asked for them) of both kinds.
-    std::vector<double> zeroth0, zeroth_nan, first0, first_nan;
-    if (!m.zeroth.empty()) {
-      zeroth0 = limited(m.zeroth.data(), at.zeroth, 0);
-      zeroth_nan = limited(m.zeroth.data(), at.zeroth, nan);
-    }
-    for (std::size_t axis = 0; axis < Dim && !m.first.empty(); ++axis)
-      for (const auto& [all, outside] : {std::pair{&first0, 0.0}, {&first_nan, nan}}) {
-        const std::vector<double> one = limited(m.first.data() + axis * field, at.first[axis], outside);
-        all->insert(all->end(), one.begin(), one.end());
-      }
-    const auto or_null = [](auto& values) { return values.empty() ? nullptr : values.data(); };
-
-    std::vector<double> expected(field), found(field, nan);
-    scale.synthesise(or_null(zeroth0), or_null(first0), expected.data());
-    const BlockMask<Dim> reached = scale.synthesise(or_null(zeroth_nan), or_null(first_nan), at, found.data());
-    const std::vector<char> is_reached = testing::site_flags<Dim>(made.lattice, reached);
-    for (std::size_t i = 0; i < field; ++i)
-      ASSERT_NEAR(is_reached[i / Dim] ? found[i] : 0.0, expected[i], 1e-12) << "velocity " << i;
-
-    const std::vector<double> w = random_values(field, 5 + seed);
-    std::vector<double> zeroth(field), first(first0.size()), some_zeroth(field, nan), some_first(first0.size(), nan);
-    const auto expect_in = [&](const BlockMask<Dim>& mask, const double* some, const double* all, const char* what) {
-      const std::vector<char> flags = testing::site_flags<Dim>(made.lattice, mask);
-      for (std::size_t i = 0; i < field; ++i)
-        if (flags[i / Dim]) {
-          ASSERT_NEAR(some[i], all[i], 1e-12) << what << " " << i;
-        }
-    };
-    scale.synthesise_transpose(w.data(), zeroth.data(), or_null(first));
-    scale.synthesise_transpose(w.data(), wanted, some_zeroth.data(), or_null(some_first));
-    expect_in(wanted.zeroth, some_zeroth.data(), zeroth.data(), "dual of order 0");
-    for (std::size_t axis = 0; axis < Dim && !first.empty(); ++axis)
-      expect_in(wanted.first[axis], some_first.data() + axis * field, first.data() + axis * field, "dual of order 1");
-
-    const double penalty = scale.penalty(or_null(zeroth0), or_null(first0), zeroth.data(), or_null(first));
-    EXPECT_NEAR(
-        scale.penalty(or_null(zeroth_nan), or_null(first_nan), at, wanted, some_zeroth.data(), or_null(some_first)),
-        penalty, 1e-12 * (1 + penalty));
-    if (!zeroth0.empty()) expect_in(wanted.zeroth, some_zeroth.data(), zeroth.data(), "gradient of order 0");
-    for (std::size_t axis = 0; axis < Dim && !first.empty(); ++axis)
-      expect_in(wanted.first[axis], some_first.data() + axis * field, first.data() + axis * field, "gradient");
-  }
-}
-
-TEST_P(MomentumScaleTest, ReadsAndMakesNothingOutsideTheGivenBlocks) {
-  expect_same_in_blocks<2>(made<2>());
-  expect_same_in_blocks<3>(made<3>());
-}
-
-INSTANTIATE_TEST_SUITE_P(Orders, MomentumScaleTest,
-                         ::testing::Values(Case{Orders::Zeroth, "gaussian"}, Case{Orders::Zeroth, "wendland"},
-                                           Case{Orders::First, "wendland"}, Case{Orders::First, "gaussian"},
-                                           Case{Orders::ZerothAndFirst, "wendland"},
-                                           Case{Orders::ZerothAndFirst, "gaussian"}, Case{Orders::Zeroth, "sum"},
-                                           Case{Orders::First, "sum"}, Case{Orders::ZerothAndFirst, "sum"}),
+INSTANTIATE_TEST_SUITE_P(Orders, MomentumScaleTest, testing::all_orders_cases(),
                          [](const auto& info) { return name_of(info.param); });
 
 /// A smooth bump on 48 x 48 mm, its value and gradient with respect to mm.
@@ -461,47 +326,6 @@ TEST(MomentumScaleSheet, KeepsItsJumpWhenTheSpacingIsHalvedAtEqualMomentumPerAre
     jumps[fine] = (at[2] - 0.5 * (at[4] - at[2])) - (at[0] + 0.5 * (at[0] - at[-2]));
   }
   EXPECT_NEAR(jumps[0], jumps[1], 1e-6 * std::abs(jumps[0]));
-}
-
-// Oracle: linearity. The sum of two widths makes what both make, in their shares, and the jumps of a sheet add.
-TEST(KernelSumScale, MakesTheWeightedSumOfWhatItsComponentsMake) {
-  const Lattice<2> where{{40, 33}, {1.0, 1.3}, {}};
-  const KernelSum both({{3.0, make_wendland_profile(5)}, {1.0, make_wendland_profile(13)}});
-  EXPECT_DOUBLE_EQ(both.width(), 7);
-  EXPECT_EQ(both.name(), "wendland sum");
-  MomentumScale<2, double> sum({both, where, Orders::ZerothAndFirst, 1.5, 0.5});
-  const std::vector<double> zeroth = random_values(sum.field_size(), 1), first = random_values(2 * sum.field_size(), 2);
-  std::vector<double> v(sum.field_size()), expected(v.size(), 0.0), part(v.size());
-  sum.synthesise(zeroth.data(), first.data(), v.data());
-  for (const KernelComponent& component : both.components()) {
-    // sigma of the whole instead of sigma_q.
-    const double a1 = 0.5 * both.width() / component.profile->width();
-    MomentumScale<2, double> alone({component.profile, where, Orders::ZerothAndFirst, 1.5, a1});
-    alone.synthesise(zeroth.data(), first.data(), part.data());
-    for (std::size_t i = 0; i < v.size(); ++i) expected[i] += component.weight * part[i];
-  }
-  for (std::size_t i = 0; i < v.size(); ++i) ASSERT_NEAR(v[i], expected[i], 1e-12);
-}
-
-TEST(KernelSumScale, OfOneComponentIsThatKernelBitByBit) {
-  const Lattice<3> where{{12, 9, 8}, {1.0, 1.3, 2}, {}};
-  MomentumScale<3, float> alone({make_wendland_profile(6), where, Orders::ZerothAndFirst, 1.5, 0.5});
-  MomentumScale<3, float> sum({KernelSum(std::vector<KernelComponent>{{7.0, make_wendland_profile(6)}}), where,
-                               Orders::ZerothAndFirst, 1.5, 0.5});
-  const std::vector<double> values = random_values(4 * alone.field_size(), 1);
-  const std::vector<float> m(values.begin(), values.end());
-  std::vector<float> a(alone.field_size()), b(a.size());
-  alone.synthesise(m.data(), m.data() + a.size(), a.data());
-  sum.synthesise(m.data(), m.data() + a.size(), b.data());
-  EXPECT_EQ(a, b);
-}
-
-TEST(KernelSumScale, RefusesWhatIsNoKernel) {
-  EXPECT_THROW(KernelSum(std::vector<KernelComponent>{}), InvalidInput);
-  EXPECT_THROW(KernelSum({{1.0, make_wendland_profile(6)}, {0.0, make_wendland_profile(6)}}), InvalidInput);
-  EXPECT_THROW(KernelSum({{std::numeric_limits<double>::quiet_NaN(), make_wendland_profile(6)}}), InvalidInput);
-  EXPECT_THROW(KernelSum(std::vector<KernelComponent>{{1.0, nullptr}}), InvalidInput);
-  EXPECT_THROW((MomentumScale<2, double>({{}, lattice<2>(), Orders::Zeroth, 1.0, 1.0})), InvalidInput);
 }
 
 }  // namespace
