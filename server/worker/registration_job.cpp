@@ -13,7 +13,9 @@
 
 #include <chrono>
 #include <fstream>
+#include <iomanip>
 #include <new>
+#include <sstream>
 
 namespace saltus::worker {
 namespace {
@@ -59,6 +61,28 @@ std::size_t peak_memory_bytes() {
   rusage usage{};
   getrusage(RUSAGE_SELF, &usage);
   return static_cast<std::size_t>(usage.ru_maxrss) * 1024;
+}
+
+/// What the command line has options for, beside the solver's own: the names are those of `saltus register`.
+std::map<std::string, std::string> job_options(const RegistrationTask& task) {
+  std::map<std::string, std::string> options;
+  if (task.affine == AffineStart::Rigid) options["affine"] = "rigid";
+  if (task.affine == AffineStart::Affine) options["affine"] = "affine";
+  if (task.intensity_window) {
+    std::ostringstream text;
+    text << std::setprecision(17) << task.intensity_window->first << ',' << task.intensity_window->second;
+    options["intensity-window"] = text.str();
+  }
+  if (task.crop) {
+    std::ostringstream text;
+    for (std::size_t axis = 0; axis < task.crop->begin.size(); ++axis)
+      text << (axis ? "," : "") << task.crop->begin[axis];
+    for (std::size_t axis = 0; axis < task.crop->end.size(); ++axis) text << (axis ? "," : ":") << task.crop->end[axis];
+    options["crop"] = text.str();
+  }
+  if (task.fixed_mask) options["fixed-mask"] = "FIXED_MASK";
+  if (task.moving_mask) options["moving-mask"] = "MOVING_MASK";
+  return options;
 }
 
 /// One registration, from files to files.
@@ -159,6 +183,9 @@ class Run {
     report.title =
         to_string(options_.model) + ", " + to_string(options_.similarity) + ", " + to_string(options_.preset);
     report.peak_memory_bytes = peak_memory_bytes();
+    report.program = "saltus " SALTUS_VERSION;
+    report.digests = task_.digests;
+    report.job_options = job_options(task_);
     report.stage_seconds = stage_seconds_;
     write_text(file("report.json"), report::report_json(report));
     write_text(file("report.html"), report::report_html(report));

@@ -28,6 +28,7 @@ struct RegistrationTask {
   std::optional<Box> crop;    ///< voxels of the fixed image, [begin, end); everything is delivered on the cropped grid
   std::string output_format;  ///< mha, nii.gz or nrrd; "" = nii.gz
   int threads = 1;
+  std::map<std::string, std::string> digests;  ///< of the files, for the report: "fixed" -> "sha256:..."; may be empty
 };
 
 /// The task cannot be done, and would fail again in the same way.

@@ -123,12 +123,13 @@ std::string fit_for_transport(std::string message) {
 RegistrationTask fetch_task(const v1::AcquireLeaseResponse& terms, client::BlobTransfer& blobs,
                             const std::filesystem::path& folder) {
   const v1::RegistrationSpec& spec = terms.spec();
+  RegistrationTask task;
   const auto fetch = [&](const v1::InputFile& input, const std::string& name) {
     const std::filesystem::path file = folder / (name + "." + input.format());
     blobs.download(input.digest(), file);
+    task.digests[name] = input.digest();
     return file;
   };
-  RegistrationTask task;
   task.fixed = fetch(spec.fixed(), "fixed");
   task.moving = fetch(spec.moving(), "moving");
   if (spec.has_fixed_mask()) task.fixed_mask = fetch(spec.fixed_mask(), "fixed_mask");

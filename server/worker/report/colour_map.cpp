@@ -14,6 +14,7 @@ constexpr Colour sequential_anchors[] = {{68, 1, 84},    {72, 40, 120},  {62, 74
 constexpr Colour diverging_anchors[] = {{5, 48, 97},     {33, 102, 172},  {67, 147, 195},  {146, 197, 222},
                                         {209, 229, 240}, {247, 247, 247}, {253, 219, 199}, {244, 165, 130},
                                         {214, 96, 77},   {178, 24, 43},   {103, 0, 31}};
+constexpr Colour interface_anchors[] = {{0, 200, 255}, {120, 225, 140}, {255, 225, 50}, {255, 140, 30}, {250, 40, 40}};
 constexpr Colour heat_anchors[] = {{0, 0, 4}, {87, 16, 110}, {188, 55, 84}, {249, 142, 9}, {252, 255, 164}};
 
 Colour between(std::span<const Colour> anchors, double value) {
@@ -32,6 +33,8 @@ Colour grey(double value) {
 Colour sequential(double value) { return between(sequential_anchors, value); }
 Colour diverging(double value) { return between(diverging_anchors, (value + 1) / 2); }
 Colour heat(double value) { return between(heat_anchors, value); }
+
+Colour interface_colour(double value) { return between(interface_anchors, value); }
 
 Colour blend(Colour under, Colour over, double opacity) {
   Colour mixed;

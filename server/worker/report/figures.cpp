@@ -1,56 +1,31 @@
 #include "server/worker/report/figures.h"
 
 #include "server/worker/report/colour_map.h"
+#include "server/worker/report/interface_paths.h"
+#include "server/worker/report/line_chart.h"
 #include "server/worker/report/markup.h"
 #include "server/worker/report/overlay_paths.h"
+#include "server/worker/report/panels.h"
 #include "server/worker/report/pictures.h"
 
 #include <algorithm>
 #include <cmath>
-#include <functional>
 #include <sstream>
 
 namespace saltus::report {
 namespace {
 
-/// Colour bar from left to right with a text at each end and in the middle.
-std::string colour_bar(const std::function<Colour(double)>& colour_at, const std::array<std::string, 3>& texts,
-                       const std::string& unit) {
-  constexpr int steps = 128;
-  Raster bar(steps, 1);
-  for (int i = 0; i < steps; ++i) bar.at(i, 0) = colour_at(i / (steps - 1.0));
-  std::string html = "<div class=\"bar\"><img alt=\"\" src=\"" + data_uri(bar) + "\"><div>";
-  for (const std::string& text : texts) html += "<span>" + escaped(text) + "</span>";
-  return html + "</div><div class=\"unit\">" + escaped(unit) + "</div></div>";
-}
-
 template <int Dim>
 class Figures {
  public:
-  explicit Figures(const ReportInput<Dim>& input)
-      : input_(input), pictures_(input), planes_(choose_planes(input.result->displacement)) {}
+  Figures(const ReportInput<Dim>& input, const Analysis<Dim>& analysis)
+      : input_(input), analysis_(analysis), pictures_(input), panels_(planes()) {}
 
   std::string sections() const {
-    const std::string range = number(100 * pictures_.difference_range(), 2);
-    const std::string bar = colour_bar([](double t) { return diverging(2 * t - 1); }, {"-" + range, "0", "+" + range},
-                                       "% of the intensity window");
-    std::vector<std::string> images{
-        figure("Fixed", "what stays", &Pictures<Dim>::fixed),
-        figure("Moving", has_start() ? "after the affine start" : "as it came", &Pictures<Dim>::moving),
-        figure("Registered", "moving(x + u(x))", &Pictures<Dim>::warped)};
-    std::vector<std::string> match{
-        figure("Difference before", "moving - fixed", &Pictures<Dim>::difference_before, bar),
-        figure("Difference after", "registered - fixed", &Pictures<Dim>::difference_after, bar)};
-    // Flat pictures stand three in a row, volumes two.
-    (Dim == 2 ? match : images)
-        .push_back(figure("Checkerboard", "fixed and registered by turns", &Pictures<Dim>::checkerboard));
-    const std::vector<std::string> deformation{displacement_figure(),
-                                               figure("Jacobian determinant", "blue shrinks, red grows, magenta folds",
-                                                      &Pictures<Dim>::jacobian, jacobian_bar()),
-                                               grid_figure()};
-    return "<section><h2>Images</h2>" + where() + gallery(images) + "</section>\n<section><h2>Match</h2>" +
-           gallery(match) + "</section>\n<section><h2>Deformation</h2>" + gallery(deformation) + "</section>\n" +
-           momenta_section();
+    return "<section><h2>Images</h2>" + where() + Panels<Dim>::gallery(images(), GalleryWidth::Whole) +
+           "</section>\n<section><h2>Match</h2>" + Panels<Dim>::gallery(match(), GalleryWidth::Whole) +
+           "</section>\n<section><h2>Deformation</h2>" + Panels<Dim>::gallery(deformation(), GalleryWidth::Whole) +
+           "</section>\n" + sliding_section();
   }
 
  private:
@@ -58,85 +33,61 @@ class Figures {
 
   bool has_start() const { return !(input_.input->start == AffineMap<Dim>{}); }
 
-  static std::string gallery(const std::vector<std::string>& figures) {
-    std::string html = Dim == 2 ? "<div class=\"flat gallery\">" : "<div class=\"gallery\">";
-    for (const std::string& figure : figures) html += figure;
-    return html + "</div>\n";
-  }
-
-  /// One picture per plane, all at the same scale: the first on the left, the others on top of each other beside it.
-  std::string panels(const std::function<std::string(const SlicePlane<Dim>&)>& content) const {
-    const auto wide = [](const SlicePlane<Dim>& plane) { return plane.width * plane.pixel_mm; };
-    std::ostringstream html;
-    html << "<div class=\"panels\"><div class=\"stack\" style=\"flex:" << wide(planes_.front()) << " 1 0\">"
-         << panel(planes_.front(), 1, content) << "</div>";
-    if (Dim == 3) {
-      const double widest = std::max(wide(planes_[1]), wide(planes_[2]));
-      html << "<div class=\"stack\" style=\"flex:" << widest << " 1 0\">"
-           << panel(planes_[1], wide(planes_[1]) / widest, content)
-           << panel(planes_[2], wide(planes_[2]) / widest, content) << "</div>";
-    }
-    html << "</div>";
-    return html.str();
-  }
-
-  static std::string panel(const SlicePlane<Dim>& plane, double share,
-                           const std::function<std::string(const SlicePlane<Dim>&)>& content) {
-    return "<div style=\"width:" + number(100 * share) + "%\"><div class=\"frame\">" + content(plane) +
-           label(plane.left_label, "left") + label(plane.right_label, "right") + label(plane.top_label, "top") +
-           label(plane.bottom_label, "bottom") + "</div>" +
-           (plane.name.empty() ? "" : "<div class=\"plane\">" + plane.name + "</div>") + "</div>";
-  }
-
-  static std::string label(const std::string& text, const std::string& side) {
-    return text.empty() ? "" : "<span class=\"side " + side + "\">" + text + "</span>";
-  }
-
-  static std::string image(const SlicePlane<Dim>& plane, const Raster& raster, const std::string& what) {
-    // Few pixels are shown as the squares they are; many are scaled smoothly.
-    const char* scaling = std::max(raster.width, raster.height) < 200 ? " class=\"pixels\"" : "";
-    return "<img" + std::string(scaling) + " alt=\"" + escaped(plane.name.empty() ? what : what + ", " + plane.name) +
-           "\" src=\"" + data_uri(raster) + "\">";
-  }
-
-  static std::string caption(const std::string& title, const std::string& explanation) {
-    return "<figcaption><b>" + escaped(title) + "</b>" + " <span>" + escaped(explanation) + "</span></figcaption>";
+  std::vector<SlicePlane<Dim>> planes() const {
+    const auto& strongest = analysis_.interface.strongest;
+    return strongest ? planes_through(*strongest, input_.input->fixed.grid)
+                     : choose_planes(input_.result->displacement);
   }
 
   std::string figure(const std::string& title, const std::string& explanation, Painter painter,
                      const std::string& bar = "") const {
-    return "<figure>" + caption(title, explanation) +
-           panels([&](const SlicePlane<Dim>& plane) { return image(plane, (pictures_.*painter)(plane), title); }) +
-           bar + "</figure>\n";
+    return panels_.figure(
+        title, explanation,
+        [&](const SlicePlane<Dim>& plane) { return Panels<Dim>::image(plane, (pictures_.*painter)(plane), title); },
+        bar);
   }
 
-  static std::string overlay(const SlicePlane<Dim>& plane, const std::string& kind, const std::string& path) {
-    return "<svg class=\"overlay " + kind + "\" viewBox=\"0 0 " + std::to_string(plane.width) + ' ' +
-           std::to_string(plane.height) + "\" preserveAspectRatio=\"none\"><path d=\"" + path + "\"/></svg>";
+  std::vector<std::string> images() const {
+    return {figure("Fixed", "what stays", &Pictures<Dim>::fixed),
+            figure("Moving", has_start() ? "after the affine start" : "as it came", &Pictures<Dim>::moving),
+            figure("Registered", "moving(x + u(x))", &Pictures<Dim>::warped)};
   }
+
+  std::vector<std::string> match() const {
+    const std::string range = number(100 * pictures_.difference_range(), 2);
+    const std::string bar = colour_bar([](double t) { return diverging(2 * t - 1); }, {"-" + range, "0", "+" + range},
+                                       "% of the intensity window");
+    return {figure("Difference before", "moving - fixed", &Pictures<Dim>::difference_before, bar),
+            figure("Difference after", "registered - fixed", &Pictures<Dim>::difference_after, bar),
+            figure("Checkerboard", "fixed and registered by turns", &Pictures<Dim>::checkerboard)};
+  }
+
+  std::vector<std::string> deformation() const {
+    return {displacement_figure(),
+            figure("Jacobian determinant", "blue shrinks, red grows, magenta folds", &Pictures<Dim>::jacobian,
+                   jacobian_bar()),
+            grid_figure()};
+  }
+
+  static std::string path(const std::string& commands) { return "<path d=\"" + commands + "\"/>"; }
 
   std::string displacement_figure() const {
-    return "<figure>" + caption("Displacement", "length of u(x); arrows: from x towards x + u(x)") +
-           panels([&](const SlicePlane<Dim>& plane) {
-             return image(plane, pictures_.displacement(plane), "Displacement") +
-                    overlay(plane, "arrows",
-                            arrow_path(input_.result->displacement, plane, pictures_.displacement_range()));
-           }) +
-           displacement_bar() + "</figure>\n";
+    const double most = pictures_.displacement_range();
+    return panels_.figure(
+        "Displacement", "length of u(x); arrows: from x towards x + u(x)",
+        [&](const SlicePlane<Dim>& plane) {
+          return Panels<Dim>::image(plane, pictures_.displacement(plane), "Displacement") +
+                 Panels<Dim>::overlay(plane, "arrows", path(arrow_path(input_.result->displacement, plane, most)));
+        },
+        colour_bar(sequential, {"0", number(most / 2), number(most)}, "mm"));
   }
 
   std::string grid_figure() const {
-    return "<figure>" + caption("Deformed grid", "fixed grid carried by u over the moving image") +
-           panels([&](const SlicePlane<Dim>& plane) {
-             return image(plane, pictures_.moving(plane), "Deformed grid") +
-                    overlay(plane, "lines", deformed_grid_path(input_.result->displacement, plane));
-           }) +
-           "</figure>\n";
-  }
-
-  std::string displacement_bar() const {
-    const double most = pictures_.displacement_range();
-    return colour_bar(sequential, {"0", number(most / 2), number(most)}, "mm");
+    return panels_.figure(
+        "Deformed grid", "fixed grid carried by u over the moving image", [&](const SlicePlane<Dim>& plane) {
+          return Panels<Dim>::image(plane, pictures_.moving(plane), "Deformed grid") +
+                 Panels<Dim>::overlay(plane, "lines", path(deformed_grid_path(input_.result->displacement, plane)));
+        });
   }
 
   std::string jacobian_bar() const {
@@ -145,32 +96,102 @@ class Figures {
                       "det D(x + u), logarithmic");
   }
 
-  std::string momenta_section() const {
+  std::string sliding_section() const {
+    return "<section><h2>Where it slides</h2>\n" + interface_part() + momenta_part() + "</section>\n";
+  }
+
+  std::string interface_part() const {
+    const DetectedInterface<Dim>& found = analysis_.interface;
+    const std::string least = number(found.threshold_mm) + " mm";
+    if (found.faces.empty())
+      return "<p>The displacement jumps nowhere by " + least +
+             " between neighbouring voxels, the least that is looked for: the motion that was found is smooth.</p>\n";
+    const double most = found.slip_mm.p90 > 0 ? found.slip_mm.p90 : found.slip_mm.max;
+    const std::string picture = panels_.figure(
+        "Tangential jump",
+        "of u across the interface that was found in it; faint squares: the interface lies in the slice",
+        [&](const SlicePlane<Dim>& plane) {
+          return Panels<Dim>::image(plane, pictures_.fixed(plane), "Tangential jump") +
+                 Panels<Dim>::overlay(plane, "interface",
+                                      interface_paths(found, input_.input->fixed.grid, plane, most));
+        },
+        colour_bar(interface_colour, {"0", number(most / 2), number(most) + " and more"}, "mm"));
+    return "<p>Found in the displacement alone, wherever its change between two neighbouring voxels is at least " +
+           least +
+           " and not explained by the slopes beside it. The jump is split into slip along the interface and opening "
+           "across it.</p>\n" +
+           (Dim == 2 ? Panels<Dim>::gallery({picture, jump_table(), jump_chart()}, GalleryWidth::Shared)
+                     : Panels<Dim>::gallery({picture}, GalleryWidth::Whole) + "<div class=\"columns\">" + jump_table() +
+                           jump_chart() + "</div>\n");
+  }
+
+  std::string jump_table() const {
+    const DetectedInterface<Dim>& found = analysis_.interface;
+    const auto row = [](const std::string& name, const Statistics& values) {
+      return std::vector<std::string>{
+          name, number(values.mean), number(values.sd), number(values.median), number(values.p90), number(values.max)};
+    };
+    return "<div><p>" + number(found.extent) + (Dim == 2 ? " mm" : " mm\u00b2") + " of interface, " +
+           std::to_string(found.faces.size()) + " faces between voxels.</p>" +
+           table({"mm", "mean", "sd", "median", "90 %", "max"},
+                 {row("slip, tangential", found.slip_mm), row("opening or closing, normal", found.gap_mm)}) +
+           "</div>";
+  }
+
+  std::string jump_chart() const {
+    // Share of the interface that jumps by at least so much.
+    const auto curve = [&](const std::string& name, const auto& size_of) {
+      std::vector<std::pair<double, double>> sizes;
+      for (const auto& face : analysis_.interface.faces) sizes.emplace_back(size_of(face), face.extent);
+      std::sort(sizes.begin(), sizes.end());
+      Curve shares{name, {{0, 100}}};
+      double left = analysis_.interface.extent;
+      const std::size_t step = sizes.size() / 200 + 1;
+      for (std::size_t i = 0; i < sizes.size(); ++i) {
+        if (i % step == 0 || i + 1 == sizes.size())
+          shares.points.emplace_back(sizes[i].first, 100 * left / analysis_.interface.extent);
+        left -= sizes[i].second;
+      }
+      return shares;
+    };
+    return to_svg({.title = "Interface with at least this jump",
+                   .x_label = "jump [mm]",
+                   .y_label = "share [%]",
+                   .curves = {curve("slip", [](const auto& face) { return face.slip_mm; }),
+                              curve("opening or closing", [](const auto& face) { return std::abs(face.opening_mm); })},
+                   .y_starts_at_zero = true});
+  }
+
+  std::string momenta_part() const {
     const auto& momenta = input_.result->momenta;
     if (momenta.empty()) return "";
     std::string html =
-        "<section><h2>Initial momenta</h2><p>Length of the momentum vectors; bright is large, the image "
-        "shows through where there is none.</p>";
+        "<h3>Initial momenta</h3><p>Length of the momentum vectors; bright is large, the image shows through where "
+        "there is none. Order 0 moves smoothly; a first-order momentum along an axis lets the velocity jump across "
+        "planes that the axis is normal to.</p>";
     std::vector<std::string> figures;
     for (std::size_t i = 0; i < momenta.size(); ++i) {
       const MomentumField<Dim>& field = momenta[i];
       const std::string order = field.axis < 0 ? "Order 0" : std::string("Order 1, axis ") + "xyz"[field.axis];
-      figures.push_back(
-          "<figure>" + caption(order, field.kernel + " kernel, width " + number(field.width_mm) + " mm") +
-          panels([&](const SlicePlane<Dim>& plane) { return image(plane, pictures_.momentum(plane, i), order); }) +
+      figures.push_back(panels_.figure(
+          order, field.kernel + " kernel, width " + number(field.width_mm) + " mm",
+          [&](const SlicePlane<Dim>& plane) { return Panels<Dim>::image(plane, pictures_.momentum(plane, i), order); },
           colour_bar([](double t) { return heat(0.35 + 0.65 * t); },
-                     {"0", number(pictures_.momentum_range(i) / 2), number(pictures_.momentum_range(i))}, "") +
-          "</figure>\n");
+                     {"0", number(pictures_.momentum_range(i) / 2), number(pictures_.momentum_range(i))}, "")));
     }
-    return html + gallery(figures) + "</section>\n";
+    return html + Panels<Dim>::gallery(figures, GalleryWidth::Shared);
   }
 
   /// Says which slices are shown and why.
   std::string where() const {
     if (Dim == 2) return "";
     std::ostringstream text;
-    text << "<p>Slices where u varies most from place to place (largest sum of |gradient of u| over the slice): voxel ";
-    const Vector<Dim>& position = planes_.front().position;
+    text << "<p>Slices "
+         << (analysis_.interface.strongest
+                 ? "through the point of the largest tangential jump (summed over the faces around it)"
+                 : "where u varies most from place to place (largest sum of |gradient of u| over the slice)")
+         << ": voxel ";
+    const Vector<Dim>& position = panels_.planes().front().position;
     for (int axis = 0; axis < Dim; ++axis) text << (axis ? ", " : "") << std::lround(position[axis]);
     const Vector<Dim> world = input_.input->fixed.grid.to_world(position);
     text << "; world ";
@@ -180,18 +201,19 @@ class Figures {
   }
 
   const ReportInput<Dim>& input_;
+  const Analysis<Dim>& analysis_;
   Pictures<Dim> pictures_;
-  std::vector<SlicePlane<Dim>> planes_;
+  Panels<Dim> panels_;
 };
 
 }  // namespace
 
 template <int Dim>
-std::string figure_sections(const ReportInput<Dim>& input) {
-  return Figures<Dim>(input).sections();
+std::string figure_sections(const ReportInput<Dim>& input, const Analysis<Dim>& analysis) {
+  return Figures<Dim>(input, analysis).sections();
 }
 
-template std::string figure_sections(const ReportInput<2>&);
-template std::string figure_sections(const ReportInput<3>&);
+template std::string figure_sections(const ReportInput<2>&, const Analysis<2>&);
+template std::string figure_sections(const ReportInput<3>&, const Analysis<3>&);
 
 }  // namespace saltus::report

@@ -62,9 +62,73 @@ double active_share(const VectorVolume<Dim>& momentum) {
   return static_cast<double>(active) / static_cast<double>(sites);
 }
 
-#define SALTUS_MEASURES(DIM)                                                           \
-  template DisplacementMeasures measure_displacement(const VectorVolume<DIM>&);        \
-  template std::optional<LandmarkMeasures> measure_landmarks(const ReportInput<DIM>&); \
+template <int Dim>
+FoldedVoxels count_folded(const Volume<Dim>& jacobian, const DetectedInterface<Dim>& interface) {
+  constexpr int reach = 2;
+  const ImageGrid<Dim>& grid = jacobian.grid;
+  FoldedVoxels found;
+  std::vector<Index<Dim>> folds;
+  Index<Dim> index{};
+  for (std::size_t voxel = 0; voxel < grid.voxels(); ++voxel) {
+    bool is_inside = true;
+    for (int a = 0; a < Dim; ++a)
+      is_inside = is_inside && (grid.size[a] < 3 || (index[a] > 0 && index[a] + 1 < grid.size[a]));
+    if (is_inside && !(jacobian.samples[voxel] > 0)) folds.push_back(index);
+    for (int a = 0; a < Dim && ++index[a] == grid.size[a]; ++a) index[a] = 0;
+  }
+  found.n = found.off_interface = folds.size();
+  if (folds.empty() || interface.faces.empty()) return found;
+
+  const auto number = [&grid](const Index<Dim>& at) {
+    std::size_t voxel = 0;
+    for (int a = Dim - 1; a >= 0; --a)
+      voxel = voxel * static_cast<std::size_t>(grid.size[a]) + static_cast<std::size_t>(at[a]);
+    return voxel;
+  };
+  std::vector<bool> is_near(grid.voxels());
+  for (const InterfaceFace<Dim>& face : interface.faces) {
+    Index<Dim> first{}, last{};
+    for (int a = 0; a < Dim; ++a) {
+      first[a] = std::max(0, face.voxel[a] - reach + (a == face.axis ? 1 : 0));
+      last[a] = std::min(grid.size[a] - 1, face.voxel[a] + reach);
+    }
+    for (Index<Dim> at = first;;) {
+      is_near[number(at)] = true;
+      int a = 0;
+      while (a < Dim && at[a]++ == last[a]) at[a] = first[a], ++a;
+      if (a == Dim) break;
+    }
+  }
+  for (const Index<Dim>& fold : folds) found.off_interface -= is_near[number(fold)];
+  return found;
+}
+
+template <int Dim>
+double share_carried_beyond(const VectorVolume<Dim>& displacement, const ImageGrid<Dim>& other) {
+  const ImageGrid<Dim>& grid = displacement.grid;
+  std::size_t beyond = 0;
+  Index<Dim> index{};
+  for (std::size_t voxel = 0; voxel < grid.voxels(); ++voxel) {
+    Vector<Dim> at, u;
+    for (int a = 0; a < Dim; ++a) {
+      at[a] = index[a];
+      u[a] = displacement.component(a)[voxel];
+    }
+    const Vector<Dim> place = other.to_index(grid.to_world(at) + u);
+    bool is_beyond = false;
+    for (int a = 0; a < Dim; ++a)
+      is_beyond = is_beyond || !(place[a] > -0.5 - 1e-6 && place[a] < other.size[a] - 0.5 + 1e-6);
+    beyond += is_beyond;
+    for (int a = 0; a < Dim && ++index[a] == grid.size[a]; ++a) index[a] = 0;
+  }
+  return static_cast<double>(beyond) / static_cast<double>(grid.voxels());
+}
+
+#define SALTUS_MEASURES(DIM)                                                             \
+  template DisplacementMeasures measure_displacement(const VectorVolume<DIM>&);          \
+  template std::optional<LandmarkMeasures> measure_landmarks(const ReportInput<DIM>&);   \
+  template FoldedVoxels count_folded(const Volume<DIM>&, const DetectedInterface<DIM>&); \
+  template double share_carried_beyond(const VectorVolume<DIM>&, const ImageGrid<DIM>&); \
   template double active_share(const VectorVolume<DIM>&);
 SALTUS_MEASURES(2)
 SALTUS_MEASURES(3)

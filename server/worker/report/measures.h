@@ -1,5 +1,6 @@
 #pragma once
 
+#include "server/worker/report/interface.h"
 #include "server/worker/report/report.h"
 
 #include <optional>
@@ -27,6 +28,19 @@ DisplacementMeasures measure_displacement(const VectorVolume<Dim>& displacement)
 /// Empty when there are no landmarks. Throws InvalidInput when the numbers of landmarks differ.
 template <int Dim>
 std::optional<LandmarkMeasures> measure_landmarks(const ReportInput<Dim>& input);
+
+/// Voxels with J <= 0 inside the image (without its outermost voxels).
+struct FoldedVoxels {
+  std::size_t n = 0;
+  std::size_t off_interface = 0;  ///< of these, more than two voxels from every face, where no jump explains them
+};
+
+template <int Dim>
+FoldedVoxels count_folded(const Volume<Dim>& jacobian, const DetectedInterface<Dim>& interface);
+
+/// Share of the voxels that u carries out of the voxels of `other`, in [0,1].
+template <int Dim>
+double share_carried_beyond(const VectorVolume<Dim>& displacement, const ImageGrid<Dim>& other);
 
 /// Share of the sites where the momentum is not zero, in [0,1].
 template <int Dim>

@@ -5,15 +5,18 @@ namespace saltus::report {
 /// The style sheet of the page: neutral in light and dark, and white on paper.
 inline constexpr char page_style[] = R"css(
 :root { color-scheme: light dark; --back: #fafaf8; --card: #fff; --ink: #1d2126; --soft: #62686f; --line: #dcdedf;
-        --c0: #1f5fa8; --c1: #c2541b; --c2: #3f8f4f; --c3: #8a4fa3; }
+        --c0: #1f5fa8; --c1: #c2541b; --c2: #3f8f4f; --c3: #8a4fa3; --good: #2e8b57; --look: #b7791f; --bad: #c0392b; }
 @media (prefers-color-scheme: dark) {
   :root { --back: #16181b; --card: #1f2226; --ink: #e7e8e9; --soft: #9aa1a8; --line: #363b41;
-          --c0: #7db1ee; --c1: #f0975f; --c2: #7fcb8e; --c3: #c79adb; } }
+          --c0: #7db1ee; --c1: #f0975f; --c2: #7fcb8e; --c3: #c79adb; --good: #63c08c; --look: #e0a94e; --bad: #ee7a6c; } }
 * { box-sizing: border-box; }
 body { margin: 0; background: var(--back); color: var(--ink); font: 15px/1.45 system-ui, "Segoe UI", "DejaVu Sans", sans-serif; }
 main { max-width: 1240px; margin: 0 auto; padding: 28px 24px 60px; }
 h1 { font-size: 26px; font-weight: 650; margin: 0 0 2px; overflow-wrap: anywhere; }
 h2 { font-size: 17px; font-weight: 650; margin: 40px 0 10px; padding-top: 14px; border-top: 1px solid var(--line); }
+h3 { font-size: 14.5px; font-weight: 650; margin: 22px 0 6px; }
+pre { background: var(--card); border: 1px solid var(--line); border-radius: 6px; padding: 10px 12px; white-space: pre-wrap; overflow-wrap: anywhere; font-size: 13px; }
+details { margin: 14px 0; } summary { cursor: pointer; color: var(--soft); }
 p { color: var(--soft); margin: 4px 0 12px; max-width: 80ch; }
 .lead { font-size: 16px; margin-bottom: 20px; max-width: none; }
 .cards { display: grid; grid-template-columns: repeat(auto-fill, minmax(215px, 1fr)); gap: 12px; }
@@ -21,24 +24,32 @@ p { color: var(--soft); margin: 4px 0 12px; max-width: 80ch; }
 .card .name { color: var(--soft); font-size: 12.5px; }
 .card .value { font-size: 22px; font-weight: 600; font-variant-numeric: tabular-nums; margin: 2px 0; }
 .card .note { color: var(--soft); font-size: 12.5px; }
+.findings { list-style: none; padding: 0; margin: 18px 0 0; display: grid; gap: 6px; }
+.findings li { border-left: 4px solid var(--good); background: var(--card); border-radius: 0 6px 6px 0; padding: 7px 12px; }
+.findings .look { border-color: var(--look); } .findings .bad { border-color: var(--bad); }
+.findings li::before { font-weight: 600; margin-right: 7px; }
+.findings .good::before { content: "\2713"; color: var(--good); } .findings .look::before { content: "Look:"; color: var(--look); }
+.findings .bad::before { content: "Problem:"; color: var(--bad); }
 .gallery { display: grid; grid-template-columns: repeat(auto-fill, minmax(min(100%, 480px), 1fr)); gap: 26px 32px; }
+.wide.gallery { grid-template-columns: 1fr; gap: 30px; }
 .flat.gallery { grid-template-columns: repeat(auto-fill, minmax(min(100%, 320px), 1fr)); gap: 22px; }
 figure { margin: 0; break-inside: avoid; }
 figcaption { margin-bottom: 6px; line-height: 1.35; }
 figcaption span { color: var(--soft); font-size: 13px; }
 .flat figcaption span { display: block; min-height: 1.35em; } .gallery:not(.flat) figcaption span { margin-left: 4px; }
 .panels { display: flex; gap: 10px; align-items: flex-start; }
-.stack { min-width: 0; display: flex; flex-direction: column; gap: 6px; }
+.panels > div { min-width: 0; }
 .frame { position: relative; line-height: 0; }
 .frame img { width: 100%; height: auto; border-radius: 3px; }
 img.pixels { image-rendering: pixelated; }
 .overlay { position: absolute; inset: 0; width: 100%; height: 100%; overflow: hidden; }
 .overlay path { fill: none; stroke-width: 1.1; stroke-linecap: round; vector-effect: non-scaling-stroke; }
 .lines path { stroke: #ffd23e; stroke-opacity: .85; } .arrows path { stroke: #fff; stroke-width: 1.3; filter: drop-shadow(0 0 1px #0008); }
+.interface path { stroke-width: 2.4; } .interface .face { stroke: none; fill-opacity: .35; }
 .plane { color: var(--soft); font-size: 12px; text-align: center; margin-top: 3px; }
-.side { position: absolute; font-size: 11px; line-height: 1; color: #fff; text-shadow: 0 0 2px #000, 0 0 3px #000; }
-.side.left { left: 4px; top: 50%; } .side.right { right: 4px; top: 50%; }
-.side.top { top: 4px; left: 50%; } .side.bottom { bottom: 4px; left: 50%; }
+.side { position: absolute; font-size: 11px; line-height: 1; color: #fff; background: #0009; border-radius: 3px; padding: 2px 3px; }
+.side.left { left: 3px; top: 50%; translate: 0 -50%; } .side.right { right: 3px; top: 50%; translate: 0 -50%; }
+.side.top { top: 3px; left: 50%; translate: -50% 0; } .side.bottom { bottom: 3px; left: 50%; translate: -50% 0; }
 .bar { margin-top: 8px; max-width: 420px; font-size: 12px; color: var(--soft); line-height: 1.2; }
 .bar img { display: block; width: 100%; height: 10px; border-radius: 2px; }
 .bar > div { display: flex; justify-content: space-between; margin-top: 3px; }
@@ -58,6 +69,7 @@ td { text-align: right; border-bottom: 1px solid var(--line); padding: 4px 10px;
 th:first-child, td:first-child { text-align: left; padding-left: 0; }
 .narrow { max-width: 480px; margin-bottom: 14px; }
 .settings td:last-child { white-space: normal; text-align: left; color: var(--soft); } .settings th:last-child { text-align: left; }
+.inputs td:last-child { white-space: normal; overflow-wrap: anywhere; font-size: 11.5px; color: var(--soft); min-width: 180px; }
 footer { margin-top: 40px; color: var(--soft); font-size: 12.5px; }
 @media print {
   :root { color-scheme: light; --back: #fff; --card: #fff; --ink: #000; --soft: #444; --line: #bbb;

@@ -19,9 +19,12 @@ struct ReportInput {
   const RegistrationOptions* options = nullptr;
   std::vector<Vector<Dim>> fixed_points;  ///< landmarks, world mm (LPS); none, or as many as moving_points
   std::vector<Vector<Dim>> moving_points;
-  std::string title;                            ///< shown on the page; any text
-  std::size_t peak_memory_bytes = 0;            ///< 0: not known
-  std::map<std::string, double> stage_seconds;  ///< wall seconds of what was done around the registration, by name
+  std::string title;                               ///< shown on the page; any text
+  std::size_t peak_memory_bytes = 0;               ///< 0: not known
+  std::string program;                             ///< name and version of what ran, such as "saltus 1.2.0"
+  std::map<std::string, std::string> digests;      ///< of the input files, by role: "fixed" -> "sha256:..."
+  std::map<std::string, std::string> job_options;  ///< what else the job asked for, by the name of saltus's option
+  std::map<std::string, double> stage_seconds;     ///< wall seconds of what was done around the registration, by name
 };
 
 /// The report for programs: settings, grids, levels, convergence, similarity, landmark errors, Jacobian, timings.

@@ -1,13 +1,16 @@
-#include "core/evaluation/jacobian.h"
 #include "core/evaluation/statistics.h"
+#include "server/worker/report/analysis.h"
+#include "server/worker/report/choices.h"
 #include "server/worker/report/figures.h"
+#include "server/worker/report/findings.h"
 #include "server/worker/report/line_chart.h"
 #include "server/worker/report/markup.h"
-#include "server/worker/report/measures.h"
 #include "server/worker/report/page_style.h"
 #include "server/worker/report/report.h"
 
 #include <algorithm>
+#include <cmath>
+#include <numeric>
 #include <sstream>
 
 namespace saltus::report {
@@ -39,19 +42,23 @@ std::string similarity_card(const RegistrationSummary& summary, const std::strin
 }
 
 template <int Dim>
-std::string cards(const ReportInput<Dim>& input, const std::optional<LandmarkMeasures>& landmarks) {
+std::string cards(const ReportInput<Dim>& input, const Analysis<Dim>& analysis) {
   const RegistrationSummary& summary = input.result->summary;
   std::string html = "<div class=\"cards\">\n";
-  if (landmarks) {
-    const Statistics before = summarise(landmarks->before), after = summarise(landmarks->after);
+  if (analysis.landmarks) {
+    const Statistics before = summarise(analysis.landmarks->before), after = summarise(analysis.landmarks->after);
     html += card("Landmark error, mean", from_to(before.mean, after.mean) + " mm",
                  std::to_string(after.n) + " landmarks, median " + number(after.median) + " mm");
   }
   html += similarity_card(summary, to_string(input.options->similarity));
-  const DisplacementMeasures displacement = measure_displacement(input.result->displacement);
+  const DisplacementMeasures& displacement = analysis.displacement;
   html += card("Displacement, largest", number(displacement.max_mm) + " mm",
                "mean " + number(displacement.mean_mm) + " mm");
-  const JacobianStatistics jacobian = jacobian_statistics(input.result->jacobian);
+  if (const DetectedInterface<Dim>& interface = analysis.interface; !interface.faces.empty())
+    html += card("Slip across the interface", number(interface.slip_mm.median) + " mm",
+                 "median; 90 % below " + number(interface.slip_mm.p90) + " mm, largest " +
+                     number(interface.slip_mm.max) + " mm");
+  const JacobianStatistics& jacobian = analysis.jacobian;
   html +=
       card("Folded voxels (J \u2264 0)", percentage(jacobian.share_not_positive),
            "J from " + number(jacobian.min) + " to " + number(jacobian.max) + ", sd log J " + number(jacobian.sd_log));
@@ -96,9 +103,11 @@ std::string convergence_section(const RegistrationSummary& summary) {
   for (const LevelSummary& level : summary.levels)
     rows.push_back({std::to_string(level.level), level.grid, number(level.spacing_mm), std::to_string(level.iterations),
                     std::to_string(level.evaluations), number(level.energy_before, 4), number(level.energy_after, 4),
-                    to_string(level.termination), number(level.seconds), number(level.cpu_seconds)});
-  html += table({"level", "grid", "spacing [mm]", "iterations", "evaluations", "energy before", "energy after", "ended",
-                 "seconds", "CPU seconds"},
+                    number(level.optimality, 2), number(level.smoothing_voxels, 2), number(level.similarity_weight),
+                    percentage(level.active_block_share), to_string(level.termination), number(level.seconds),
+                    number(level.cpu_seconds)});
+  html += table({"level", "grid", "spacing [mm]", "iterations", "evaluations", "energy before", "energy after",
+                 "gradient left", "smoothing [voxels]", "weight", "active blocks", "ended", "seconds", "CPU seconds"},
                 rows);
   return html + "</section>\n";
 }
@@ -112,7 +121,32 @@ Curve distribution(const std::string& name, std::vector<double> errors) {
   return curve;
 }
 
-std::string landmark_section(const LandmarkMeasures& landmarks) {
+/// The landmarks that are farthest off, so that one can go and look at them.
+template <int Dim>
+std::string worst_landmarks(const ReportInput<Dim>& input, const LandmarkMeasures& landmarks) {
+  constexpr std::size_t most = 10;
+  std::vector<std::size_t> order(landmarks.after.size());
+  std::iota(order.begin(), order.end(), std::size_t{0});
+  std::stable_sort(order.begin(), order.end(),
+                   [&](std::size_t a, std::size_t b) { return landmarks.after[a] > landmarks.after[b]; });
+  order.resize(std::min(most, order.size()));
+  std::vector<std::vector<std::string>> rows;
+  const ImageGrid<Dim>& grid = input.input->fixed.grid;
+  for (std::size_t i : order) {
+    std::string world, voxel;
+    const Vector<Dim>& point = input.fixed_points[i];
+    const Vector<Dim> index = grid.to_index(point);
+    for (int axis = 0; axis < Dim; ++axis) {
+      world += (axis ? ", " : "") + number(point[axis], 4);
+      voxel += (axis ? ", " : "") + std::to_string(std::lround(index[axis]));
+    }
+    rows.push_back({std::to_string(i + 1), world, voxel, number(landmarks.before[i]), number(landmarks.after[i])});
+  }
+  return "<h3>Farthest off</h3>" + table({"row", "fixed point, mm (LPS)", "voxel", "before [mm]", "after [mm]"}, rows);
+}
+
+template <int Dim>
+std::string landmark_section(const ReportInput<Dim>& input, const LandmarkMeasures& landmarks) {
   std::vector<std::vector<std::string>> rows;
   LineChart chart{.title = "Landmarks with at most this error",
                   .x_label = "error [mm]",
@@ -130,21 +164,54 @@ std::string landmark_section(const LandmarkMeasures& landmarks) {
   if (landmarks.start) add("affine start", *landmarks.start);
   return "<section><h2>Landmarks</h2><p>Distance of each moving landmark from where the displacement carries its fixed "
          "one, mm.</p><div class=\"columns\">" +
-         table({"", "n", "mean", "sd", "median", "90 %", "max"}, rows) + to_svg(chart) + "</div></section>\n";
+         table({"", "n", "mean", "sd", "median", "90 %", "max"}, rows) + to_svg(chart) + "</div>" +
+         worst_landmarks(input, landmarks) + "</section>\n";
+}
+
+std::string findings_section(const std::vector<Finding>& all) {
+  std::string html = "<ul class=\"findings\">\n";
+  for (const Finding& finding : all)
+    html += "<li class=\"" + to_string(finding.verdict) + "\">" + escaped(finding.text) + "</li>\n";
+  return html + "</ul>\n";
+}
+
+template <int Dim>
+std::string inputs_section(const ReportInput<Dim>& input) {
+  const auto row = [&](const std::string& name, const ImageGrid<Dim>& grid) {
+    std::string origin, direction;
+    for (int i = 0; i < Dim; ++i) {
+      origin += (i ? ", " : "") + number(grid.origin[i], 5);
+      for (int j = 0; j < Dim; ++j) direction += (j ? " " : i ? "; " : "") + number(grid.direction(i, j), 3);
+    }
+    const auto digest = input.digests.find(name);
+    return std::vector<std::string>{name, describe(grid), origin, direction,
+                                    digest == input.digests.end() ? "" : digest->second};
+  };
+  std::vector<std::vector<std::string>> rows{row("fixed", input.input->fixed.grid),
+                                             row("moving", input.input->moving.grid)};
+  for (const auto& [role, digest] : input.digests)
+    if (role != "fixed" && role != "moving") rows.push_back({role, "", "", "", digest});
+  return "<section><h2>Inputs</h2><div class=\"inputs\">" +
+         table({"file", "grid", "origin [mm, LPS]", "direction (rows)", "content"}, rows) + "</div></section>\n";
 }
 
 template <int Dim>
 std::string settings_section(const ReportInput<Dim>& input) {
-  const RegistrationOptions& options = *input.options;
-  std::vector<std::vector<std::string>> rows;
-  for (const ParameterInfo& parameter : list_parameters(options))
-    rows.push_back({parameter.name, parameter.value, parameter.unit, parameter.description});
-  std::string html = "<section><h2>Images and settings</h2>";
-  html += "<div class=\"narrow\">" +
-          table({"image", "grid"},
-                {{"fixed", describe(input.input->fixed.grid)}, {"moving", describe(input.input->moving.grid)}}) +
-          "</div>";
-  html += "<div class=\"settings\">" + table({"parameter", "value", "unit", "meaning"}, rows) + "</div>";
+  std::vector<std::vector<std::string>> chosen, all;
+  for (const Choice& choice : choices(input)) chosen.push_back({choice.name, choice.value, choice.unit, choice.why});
+  std::string html = "<section><h2>What was chosen, and why</h2><p>Model " + to_string(input.options->model) +
+                     ", similarity " + to_string(input.options->similarity) + ", preset " +
+                     to_string(input.options->preset) +
+                     ". Everything else is the default of these three, but for what follows.</p>";
+  if (!chosen.empty())
+    html += "<div class=\"settings\">" + table({"parameter", "value", "unit", "why"}, chosen) + "</div>";
+  for (const ParameterInfo& parameter : list_parameters(*input.options))
+    all.push_back({parameter.name, parameter.value, parameter.unit, parameter.description});
+  html += "<details><summary>All expert parameters, as the job gave them</summary><div class=\"settings\">" +
+          table({"parameter", "value", "unit", "meaning"}, all) + "</div></details>";
+  html += "<h3>To make this result again</h3><p>From the same files, with any number of threads" +
+          (input.program.empty() ? "" : ", by " + escaped(input.program)) + ":</p><pre>" +
+          escaped(command_line(input)) + "</pre>";
   return html + "</section>\n";
 }
 
@@ -163,7 +230,7 @@ std::string timing_section(const ReportInput<Dim>& input) {
 
 template <int Dim>
 std::string report_html(const ReportInput<Dim>& input) {
-  const auto landmarks = measure_landmarks(input);
+  const Analysis<Dim> analysis = analyse(input);
   const RegistrationOptions& options = *input.options;
   const std::string title = escaped(input.title.empty() ? "Registration" : input.title);
   std::string html =
@@ -172,17 +239,18 @@ std::string report_html(const ReportInput<Dim>& input) {
       title + "</title><style>" + page_style + "</style></head><body><main>\n<h1>" + title +
       "</h1>\n<p class=\"lead\">Model " + to_string(options.model) + ", similarity " + to_string(options.similarity) +
       ", preset " + to_string(options.preset) + "; fixed image " + describe(input.input->fixed.grid) + "</p>\n";
-  for (const std::string& notice : input.result->summary.notices)
-    html += "<p class=\"lead\"><strong>Notice:</strong> " + escaped(notice) + ".</p>\n";
-  html += cards(input, landmarks);
-  html += figure_sections(input);
-  if (landmarks) html += landmark_section(*landmarks);
+  html += cards(input, analysis);
+  html += findings_section(findings(input, analysis));
+  html += figure_sections(input, analysis);
+  if (analysis.landmarks) html += landmark_section(input, *analysis.landmarks);
   html += convergence_section(input.result->summary);
+  html += inputs_section(input);
   html += settings_section(input);
   html += timing_section(input);
   html +=
       "<footer>Displacements are millimetres in world coordinates (LPS): fixed(x) corresponds to moving(x + u(x)). "
-      "Written by saltus.</footer>\n</main></body></html>\n";
+      "Written by " +
+      escaped(input.program.empty() ? "saltus" : input.program) + ".</footer>\n</main></body></html>\n";
   return html;
 }
 

@@ -1,7 +1,8 @@
-#include "core/evaluation/jacobian.h"
 #include "core/evaluation/statistics.h"
 #include "core/registration/register_images.h"
-#include "server/worker/report/measures.h"
+#include "server/worker/report/analysis.h"
+#include "server/worker/report/choices.h"
+#include "server/worker/report/findings.h"
 #include "server/worker/report/report.h"
 
 #include <nlohmann/json.hpp>
@@ -53,6 +54,17 @@ Json describe(const Statistics& statistics) {
           {"median", statistics.median}, {"p90", statistics.p90},   {"max", statistics.max}};
 }
 
+template <int Dim>
+Json describe(const DetectedInterface<Dim>& interface) {
+  Json json{{"faces", interface.faces.size()}, {"threshold_mm", interface.threshold_mm}};
+  json[Dim == 2 ? "length_mm" : "area_mm2"] = interface.extent;
+  if (interface.faces.empty()) return json;
+  json["slip_mm"] = describe(interface.slip_mm);
+  json["gap_mm"] = describe(interface.gap_mm);
+  json["strongest_voxel"] = list(*interface.strongest);
+  return json;
+}
+
 Json describe(const LevelSummary& level) {
   return {{"level", level.level},
           {"grid", level.grid},
@@ -98,9 +110,13 @@ std::string report_json(const ReportInput<Dim>& input) {
   const RegistrationOptions& options = *input.options;
   const RegistrationResult<Dim>& result = *input.result;
   const RegistrationSummary& summary = result.summary;
+  const Analysis<Dim> analysis = analyse(input);
 
   Json json;
   json["title"] = input.title;
+  if (!input.program.empty()) json["program"] = input.program;
+  json["command"] = command_line(input);
+  if (!input.digests.empty()) json["digests"] = input.digests;
   json["dimension"] = Dim;
   json["model"] = to_string(options.model);
   json["similarity"] = to_string(options.similarity);
@@ -117,7 +133,7 @@ std::string report_json(const ReportInput<Dim>& input) {
   json["notices"] = summary.notices;
   json["noise"] = summary.noise;
   json["similarity_value"] = {{"before", summary.similarity_before}, {"after", summary.similarity_after}};
-  if (const auto landmarks = measure_landmarks(input)) {
+  if (const auto& landmarks = analysis.landmarks) {
     json["landmark_error_mm"]["before"] = describe(summarise(landmarks->before));
     if (landmarks->start) json["landmark_error_mm"]["affine_start"] = describe(summarise(*landmarks->start));
     json["landmark_error_mm"]["after"] = describe(summarise(landmarks->after));
@@ -125,13 +141,22 @@ std::string report_json(const ReportInput<Dim>& input) {
       json["landmark_error_mm"]["after_particles"] = describe(summarise(landmarks->particles));
     json["landmark_particles_stopped"] = landmarks->particles_stopped;
   }
-  const DisplacementMeasures displacement = measure_displacement(result.displacement);
+  const DisplacementMeasures& displacement = analysis.displacement;
   json["displacement_mm"] = {{"mean", displacement.mean_mm}, {"max", displacement.max_mm}};
-  const JacobianStatistics jacobian = jacobian_statistics(result.jacobian);
+  const JacobianStatistics& jacobian = analysis.jacobian;
   json["jacobian"] = {{"min", jacobian.min},
                       {"max", jacobian.max},
                       {"share_not_positive", jacobian.share_not_positive},
                       {"sd_log", jacobian.sd_log}};
+  json["folded_voxels"] = {{"n", analysis.folded.n}, {"off_interface", analysis.folded.off_interface}};
+  json["interface"] = describe(analysis.interface);
+  json["share_beyond_moving"] = analysis.share_beyond_moving;
+  json["findings"] = Json::array();
+  for (const Finding& finding : findings(input, analysis))
+    json["findings"].push_back({{"verdict", to_string(finding.verdict)}, {"text", finding.text}});
+  json["chosen"] = Json::array();
+  for (const Choice& choice : choices(input))
+    json["chosen"].push_back({{"name", choice.name}, {"value", value_of(choice.value)}, {"why", choice.why}});
   json["inverse_consistency_mm"] = summary.inverse_consistency_mm;
   if (summary.hamiltonian_drift >= 0) json["hamiltonian_drift"] = summary.hamiltonian_drift;
   json["active_first_order_share"] = summary.active_first_order_share;

@@ -77,13 +77,13 @@ void set_size(SlicePlane<Dim>& plane, const ImageGrid<Dim>& grid) {
   plane.height = std::max(1, static_cast<int>(std::lround(high / plane.pixel_mm)));
 }
 
-std::vector<SlicePlane<2>> planes_of(const VectorVolume<2>& displacement) {
+std::vector<SlicePlane<2>> planes_at(const Vector<2>&, const ImageGrid<2>& grid) {
   SlicePlane<2> plane;
-  set_size(plane, displacement.grid);
+  set_size(plane, grid);
   return {plane};
 }
 
-std::vector<SlicePlane<3>> planes_of(const VectorVolume<3>& displacement) {
+std::vector<SlicePlane<3>> planes_at(const Vector<3>& point, const ImageGrid<3>& grid) {
   // World axes (LPS) to the right and down: patient's left on the right, head at the top.
   struct View {
     const char* name;
@@ -95,8 +95,7 @@ std::vector<SlicePlane<3>> planes_of(const VectorVolume<3>& displacement) {
   constexpr View views[] = {{"axial", "first and second axis", 0, 1, 2, false, "R", "L", "A", "P"},
                             {"coronal", "first and third axis", 0, 2, 1, true, "R", "L", "S", "I"},
                             {"sagittal", "second and third axis", 1, 2, 0, true, "A", "P", "S", "I"}};
-  const Vector<3> point = point_of_interest(displacement);
-  const Orientation orientation = orientation_of(displacement.grid.direction);
+  const Orientation orientation = orientation_of(grid.direction);
   std::vector<SlicePlane<3>> planes;
   for (const View& view : views) {
     SlicePlane<3> plane;
@@ -113,7 +112,7 @@ std::vector<SlicePlane<3>> planes_of(const VectorVolume<3>& displacement) {
       plane.top_label = view.top_label;
       plane.bottom_label = view.bottom_label;
     }
-    set_size(plane, displacement.grid);
+    set_size(plane, grid);
     planes.push_back(plane);
   }
   return planes;
@@ -139,12 +138,19 @@ Vector<2> SlicePlane<Dim>::picture_point(const Vector<Dim>& index, const ImageGr
 
 template <int Dim>
 std::vector<SlicePlane<Dim>> choose_planes(const VectorVolume<Dim>& displacement) {
-  return planes_of(displacement);
+  return planes_at(point_of_interest(displacement), displacement.grid);
+}
+
+template <int Dim>
+std::vector<SlicePlane<Dim>> planes_through(const Vector<Dim>& point, const ImageGrid<Dim>& grid) {
+  return planes_at(Vector<Dim>(point.array().floor().matrix()), grid);
 }
 
 template struct SlicePlane<2>;
 template struct SlicePlane<3>;
 template std::vector<SlicePlane<2>> choose_planes(const VectorVolume<2>&);
 template std::vector<SlicePlane<3>> choose_planes(const VectorVolume<3>&);
+template std::vector<SlicePlane<2>> planes_through(const Vector<2>&, const ImageGrid<2>&);
+template std::vector<SlicePlane<3>> planes_through(const Vector<3>&, const ImageGrid<3>&);
 
 }  // namespace saltus::report

@@ -34,4 +34,8 @@ struct SlicePlane {
 template <int Dim>
 std::vector<SlicePlane<Dim>> choose_planes(const VectorVolume<Dim>& displacement);
 
+/// The same planes through the voxel `point` (a continuous index, rounded down).
+template <int Dim>
+std::vector<SlicePlane<Dim>> planes_through(const Vector<Dim>& point, const ImageGrid<Dim>& grid);
+
 }  // namespace saltus::report

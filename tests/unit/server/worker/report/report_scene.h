@@ -20,6 +20,7 @@ struct ReportScene {
     for (int axis = 0; axis < Dim; ++axis) grid.size[axis] = 12 + 4 * axis;
     grid.spacing[Dim - 1] = 2;
     grid.origin[0] = -5;
+    result.options = options;
     images.fixed = images.moving = Volume<Dim>(grid);
     result.displacement = result.inverse_displacement = VectorVolume<Dim>(grid);
     result.warped = Volume<Dim>(grid);
@@ -87,6 +88,9 @@ struct ReportScene {
               .moving_points = {},
               .title = "Scene",
               .peak_memory_bytes = 1 << 20,
+              .program = "saltus 9.8",
+              .digests = {{"fixed", "sha256:0123"}},
+              .job_options = {{"affine", "rigid"}},
               .stage_seconds = {{"fetching", 0.125}}};
   }
   ReportScene(const ReportScene&) = delete;

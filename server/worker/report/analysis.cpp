@@ -1,0 +1,21 @@
+#include "server/worker/report/analysis.h"
+
+namespace saltus::report {
+
+template <int Dim>
+Analysis<Dim> analyse(const ReportInput<Dim>& input) {
+  const RegistrationResult<Dim>& result = *input.result;
+  Analysis<Dim> found;
+  found.landmarks = measure_landmarks(input);
+  found.displacement = measure_displacement(result.displacement);
+  found.jacobian = jacobian_statistics(result.jacobian);
+  found.interface = detect_interface(result.displacement);
+  found.folded = count_folded(result.jacobian, found.interface);
+  found.share_beyond_moving = share_carried_beyond(result.displacement, input.input->moving.grid);
+  return found;
+}
+
+template Analysis<2> analyse(const ReportInput<2>&);
+template Analysis<3> analyse(const ReportInput<3>&);
+
+}  // namespace saltus::report

@@ -1,0 +1,29 @@
+#pragma once
+
+#include "core/evaluation/jacobian.h"
+#include "server/worker/report/interface.h"
+#include "server/worker/report/measures.h"
+#include "server/worker/report/report.h"
+#include "server/worker/report/slice_plane.h"
+
+#include <optional>
+#include <vector>
+
+namespace saltus::report {
+
+/// What both documents tell, measured once from a finished registration.
+template <int Dim>
+struct Analysis {
+  std::optional<LandmarkMeasures> landmarks;  ///< none were given: empty
+  DisplacementMeasures displacement;
+  JacobianStatistics jacobian;
+  DetectedInterface<Dim> interface;
+  FoldedVoxels folded;
+  double share_beyond_moving = 0;  ///< of the fixed voxels whose x + u(x) lies outside the moving image
+};
+
+/// Throws InvalidInput when the numbers of landmarks differ.
+template <int Dim>
+Analysis<Dim> analyse(const ReportInput<Dim>& input);
+
+}  // namespace saltus::report

@@ -1,0 +1,81 @@
+#include "server/worker/report/choices.h"
+
+#include "server/worker/report/markup.h"
+
+#include <map>
+
+namespace saltus::report {
+namespace {
+
+std::map<std::string, std::string> values_of(const RegistrationOptions& options) {
+  std::map<std::string, std::string> values;
+  for (const ParameterInfo& parameter : list_parameters(options)) values[parameter.name] = parameter.value;
+  return values;
+}
+
+RegistrationOptions defaults_of(const RegistrationOptions& options) {
+  return default_options(options.model, options.similarity, options.preset);
+}
+
+template <int Dim>
+std::string measured_from(const std::string& name, const ReportInput<Dim>& input) {
+  const ImageGrid<Dim>& grid = input.input->fixed.grid;
+  if (name == "levels")
+    return "from the size of the fixed image (" + size_text<Dim>(grid.size) +
+           "): halved until its longest axis has fewer than 32 samples";
+  if (name == "finest_level")
+    return Dim == 2 ? "2-D images are registered at full resolution"
+                    : "from the preset " + to_string(input.options->preset) +
+                          " for 3-D images (fast 2, balanced 1, accurate 0)";
+  return "from the levels";
+}
+
+}  // namespace
+
+template <int Dim>
+std::vector<Choice> choices(const ReportInput<Dim>& input) {
+  const auto defaults = values_of(defaults_of(*input.options)), used = values_of(input.result->options);
+  std::vector<Choice> found;
+  for (const ParameterInfo& asked : list_parameters(*input.options)) {
+    const auto in_use = used.find(asked.name), by_default = defaults.find(asked.name);
+    const bool is_set = by_default != defaults.end() && by_default->second != asked.value;
+    const bool is_filled_in = in_use != used.end() && in_use->second != asked.value;
+    if (is_set)
+      found.push_back(
+          {asked.name, asked.value, asked.unit, "set by the job; the default is " + by_default->second, true});
+    else if (is_filled_in)
+      found.push_back({asked.name, in_use->second, asked.unit, measured_from(asked.name, input), false});
+  }
+  const RegistrationSummary& summary = input.result->summary;
+  if (summary.noise > 0)
+    found.push_back(
+        {"noise", percentage(summary.noise), "", "measured in the images, of the fixed image's range", false});
+  for (const LevelSummary& level : summary.levels) {
+    const std::string where = "level " + std::to_string(level.level) + ": ";
+    if (level.smoothing_voxels > 0)
+      found.push_back({where + "smoothing", number(level.smoothing_voxels), "voxels",
+                       "of both images, as their noise at this level needs", false});
+    if (level.similarity_weight != 1)
+      found.push_back({where + "weight of the similarity", number(level.similarity_weight), "",
+                       "as the noise at this level allows", false});
+  }
+  return found;
+}
+
+template <int Dim>
+std::string command_line(const ReportInput<Dim>& input) {
+  const RegistrationOptions& options = *input.options;
+  std::string line = "saltus register --fixed FIXED --moving MOVING --out DIR --model " + to_string(options.model) +
+                     " --similarity " + to_string(options.similarity) + " --preset " + to_string(options.preset);
+  for (const auto& [name, value] : input.job_options) line += " --" + name + ' ' + value;
+  for (const Choice& choice : choices(input))
+    if (choice.is_set) line += " --set " + choice.name + '=' + choice.value;
+  return line;
+}
+
+template std::vector<Choice> choices(const ReportInput<2>&);
+template std::vector<Choice> choices(const ReportInput<3>&);
+template std::string command_line(const ReportInput<2>&);
+template std::string command_line(const ReportInput<3>&);
+
+}  // namespace saltus::report

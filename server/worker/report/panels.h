@@ -1,0 +1,44 @@
+#pragma once
+
+#include "server/worker/report/raster.h"
+#include "server/worker/report/slice_plane.h"
+
+#include <array>
+#include <functional>
+#include <string>
+#include <vector>
+
+namespace saltus::report {
+
+/// Colour bar from left to right with a text at each end and in the middle.
+std::string colour_bar(const std::function<Colour(double)>& colour_at, const std::array<std::string, 3>& texts,
+                       const std::string& unit);
+
+/// How figures stand: key pictures of volumes over the whole width, others side by side.
+enum class GalleryWidth { Whole, Shared };
+
+/// The slices of an image as HTML: one figure has a caption and a picture for each plane, all of one height.
+template <int Dim>
+class Panels {
+ public:
+  using Content = std::function<std::string(const SlicePlane<Dim>&)>;
+
+  explicit Panels(std::vector<SlicePlane<Dim>> planes) : planes_(std::move(planes)) {}
+
+  const std::vector<SlicePlane<Dim>>& planes() const { return planes_; }
+
+  /// `below` stands under the pictures.
+  std::string figure(const std::string& title, const std::string& explanation, const Content& content,
+                     const std::string& below = "") const;
+  static std::string gallery(const std::vector<std::string>& figures, GalleryWidth width);
+  static std::string image(const SlicePlane<Dim>& plane, const Raster& raster, const std::string& what);
+  /// An <svg> over a picture, in picture pixels.
+  static std::string overlay(const SlicePlane<Dim>& plane, const std::string& kind, const std::string& paths);
+  /// Orientation letters at the four sides.
+  static std::string side_labels(const SlicePlane<Dim>& plane);
+
+ private:
+  std::vector<SlicePlane<Dim>> planes_;
+};
+
+}  // namespace saltus::report
