@@ -17,7 +17,8 @@ constexpr double least_sharpness = 0.4;
 constexpr int neighbourhood = 2;  // voxels around a face that tell its normal
 // Of the faces that a flat interface has within the neighbourhood, (2 * neighbourhood + 1)^(Dim-1).
 constexpr double least_share_of_patch = 0.3;
-constexpr double least_coherence = 0.6;  // |sum of the jumps around| / sum of their lengths
+constexpr double least_coherence = 0.6;  // |sum of |j| j| / sum of |j|^2 over the jumps j around
+constexpr double least_alignment = 0.7;  // cosine between a face's jump and that sum
 
 template <int Dim>
 class Detector {
@@ -78,6 +79,8 @@ class Detector {
     const double size = here.norm();
     const double before = change(voxel - stride, stride).norm(), after = change(voxel + stride, stride).norm();
     if (size < before || size <= after) return;
+    // A jump two faces away would be taken for a slope below.
+    if (std::max(change(voxel - 2 * stride, stride).norm(), change(voxel + 2 * stride, stride).norm()) > size) return;
     const Vector<Dim> near_slopes = (change(voxel - stride, stride) + change(voxel + stride, stride)) / 2;
     if ((here - near_slopes).norm() < least_sharpness * size) return;
     const Vector<Dim> far_slopes = (change(voxel - 2 * stride, stride) + change(voxel + 2 * stride, stride)) / 2;
@@ -132,16 +135,20 @@ class Detector {
     Vector<Dim> mean = Vector<Dim>::Zero();
     Matrix<Dim> squares = Matrix<Dim>::Zero();
     int count = 0;
+    double weights = 0;
     for_each_near(face, [&](const InterfaceFace<Dim>& near) {
+      // A large jump says more about where the interface runs than the noise beside it.
+      const double weight = near.jump.squaredNorm();
       const Vector<Dim> place = grid_.to_world(near.middle()) - grid_.to_world(face.middle());
-      mean += place;
-      squares += place * place.transpose();
+      mean += weight * place;
+      squares += weight * place * place.transpose();
+      weights += weight;
       ++count;
     });
     const Vector<Dim> axis_normal = grid_.direction.col(face.axis);
     if (count < 2 * Dim) return axis_normal;
-    mean /= count;
-    const Eigen::SelfAdjointEigenSolver<Matrix<Dim>> solver(squares / count - mean * mean.transpose());
+    mean /= weights;
+    const Eigen::SelfAdjointEigenSolver<Matrix<Dim>> solver(squares / weights - mean * mean.transpose());
     const Vector<Dim> normal = solver.eigenvectors().col(0);
     // A face along the interface is a step of it at most; what is steeper is another sheet that passes by.
     return std::abs(normal.dot(axis_normal)) < 0.2 ? axis_normal : normal;
@@ -149,15 +156,16 @@ class Detector {
 
   struct Surroundings {
     int count = 0;
-    Vector<Dim> sum = Vector<Dim>::Zero();  ///< of jumps, each times its extent and counted along the face's normal
-    double lengths = 0;                     ///< the same sum of their lengths
+    Vector<Dim> sum = Vector<Dim>::Zero();  ///< of |j| j times its extent, each counted along the face's normal
+    double squares = 0;                     ///< of |j|^2 times its extent
   };
   Surroundings surroundings(const InterfaceFace<Dim>& face) const {
     Surroundings around;
     for_each_near(face, [&](const InterfaceFace<Dim>& near) {
       ++around.count;
-      around.sum += near.extent * (near.normal.dot(face.normal) < 0 ? -near.jump : near.jump);
-      around.lengths += near.extent * near.jump.norm();
+      const double sign = near.normal.dot(face.normal) < 0 ? -1 : 1, size = near.jump.norm();
+      around.sum += sign * near.extent * size * near.jump;
+      around.squares += near.extent * size * size;
     });
     return around;
   }
@@ -170,7 +178,8 @@ class Detector {
       if (face.slip_mm < found_.threshold_mm) continue;
       const Surroundings around = surroundings(face);
       if (around.count < least_share_of_patch * patch) continue;
-      if (around.sum.norm() >= least_coherence * around.lengths) kept.push_back(face);
+      if (around.sum.norm() < least_coherence * around.squares) continue;
+      if (around.sum.dot(face.jump) >= least_alignment * around.sum.norm() * face.jump.norm()) kept.push_back(face);
     }
     found_.faces = std::move(kept);
     index_faces();

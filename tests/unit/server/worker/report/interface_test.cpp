@@ -90,7 +90,7 @@ TEST(Interface, TellsOpeningFromSlip) {
 
 TEST(Interface, LeavesOutFacesThatJumpEachInTheirOwnWay) {
   std::mt19937 random(7);
-  std::uniform_real_distribution<double> any(-4, 4);
+  std::uniform_real_distribution<double> any(-3, 3);
   const auto u = field<3>({20, 20, 20}, {1, 1, 1}, [&](const Vector<3>& x) {
     return Vector<3>(any(random), any(random), (x[1] < 9.5 ? 20 : -20) + any(random));
   });
