@@ -7,6 +7,7 @@
 #include "server/worker/report/overlay_paths.h"
 #include "server/worker/report/panels.h"
 #include "server/worker/report/pictures.h"
+#include "server/worker/report/viewer.h"
 
 #include <algorithm>
 #include <cmath>
@@ -15,17 +16,24 @@
 namespace saltus::report {
 namespace {
 
+// Longest sides, pixels. A page has a hundred pictures of a volume, so these decide how heavy it is.
+constexpr int flat_picture = 512, largest_picture = 384, small_picture = 224;
+
 template <int Dim>
 class Figures {
  public:
   Figures(const ReportInput<Dim>& input, const Analysis<Dim>& analysis)
-      : input_(input), analysis_(analysis), pictures_(input), panels_(planes()) {}
+      : input_(input),
+        analysis_(analysis),
+        pictures_(input),
+        panels_(planes(Dim == 2 ? flat_picture : largest_picture)),
+        small_panels_(planes(Dim == 2 ? largest_picture : small_picture)) {}
 
   std::string sections() const {
-    return "<section><h2>Images</h2>" + where() + Panels<Dim>::gallery(images(), GalleryWidth::Whole) +
-           "</section>\n<section><h2>Match</h2>" + Panels<Dim>::gallery(match(), GalleryWidth::Whole) +
-           "</section>\n<section><h2>Deformation</h2>" + Panels<Dim>::gallery(deformation(), GalleryWidth::Whole) +
-           "</section>\n" + sliding_section();
+    return viewer_section(input_, pictures_, panels_.planes()) + "<section><h2>Images</h2>" + where() +
+           Panels<Dim>::gallery(images(), GalleryWidth::Whole) + "</section>\n<section><h2>Match</h2>" +
+           Panels<Dim>::gallery(match(), GalleryWidth::Whole) + "</section>\n<section><h2>Deformation</h2>" +
+           Panels<Dim>::gallery(deformation(), GalleryWidth::Whole) + "</section>\n" + sliding_section();
   }
 
  private:
@@ -33,10 +41,10 @@ class Figures {
 
   bool has_start() const { return !(input_.input->start == AffineMap<Dim>{}); }
 
-  std::vector<SlicePlane<Dim>> planes() const {
+  std::vector<SlicePlane<Dim>> planes(int longest_side) const {
     const auto& strongest = analysis_.interface.strongest;
-    return strongest ? planes_through(*strongest, input_.input->fixed.grid)
-                     : choose_planes(input_.result->displacement);
+    return strongest ? planes_through(*strongest, input_.input->fixed.grid, longest_side)
+                     : choose_planes(input_.result->displacement, longest_side);
   }
 
   std::string figure(const std::string& title, const std::string& explanation, Painter painter,
@@ -173,7 +181,7 @@ class Figures {
     for (std::size_t i = 0; i < momenta.size(); ++i) {
       const MomentumField<Dim>& field = momenta[i];
       const std::string order = field.axis < 0 ? "Order 0" : std::string("Order 1, axis ") + "xyz"[field.axis];
-      figures.push_back(panels_.figure(
+      figures.push_back(small_panels_.figure(
           order, field.kernel + " kernel, width " + number(field.width_mm) + " mm",
           [&](const SlicePlane<Dim>& plane) { return Panels<Dim>::image(plane, pictures_.momentum(plane, i), order); },
           colour_bar([](double t) { return heat(0.35 + 0.65 * t); },
@@ -203,7 +211,7 @@ class Figures {
   const ReportInput<Dim>& input_;
   const Analysis<Dim>& analysis_;
   Pictures<Dim> pictures_;
-  Panels<Dim> panels_;
+  Panels<Dim> panels_, small_panels_;
 };
 
 }  // namespace

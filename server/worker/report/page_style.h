@@ -50,6 +50,18 @@ img.pixels { image-rendering: pixelated; }
 .side { position: absolute; font-size: 11px; line-height: 1; color: #fff; background: #0009; border-radius: 3px; padding: 2px 3px; }
 .side.left { left: 3px; top: 50%; translate: 0 -50%; } .side.right { right: 3px; top: 50%; translate: 0 -50%; }
 .side.top { top: 3px; left: 50%; translate: -50% 0; } .side.bottom { bottom: 3px; left: 50%; translate: -50% 0; }
+[hidden] { display: none !important; }
+.views { display: flex; flex-wrap: wrap; gap: 6px; margin-bottom: 12px; }
+.views button { font: inherit; font-size: 13.5px; color: var(--ink); background: var(--card); border: 1px solid var(--line); border-radius: 6px; padding: 4px 11px; cursor: pointer; }
+.views button[aria-pressed=true] { background: var(--c0); border-color: var(--c0); color: var(--card); }
+canvas { display: block; width: 100%; border-radius: 3px; cursor: crosshair; image-rendering: pixelated; }
+#viewer .frame i { position: absolute; pointer-events: none; background: #fff6; }
+#viewer .upright, #viewer .sweep { top: 0; bottom: 0; width: 1px; } #viewer .level { left: 0; right: 0; height: 1px; }
+#viewer .sweep { display: none; background: #ffd23e !important; width: 2px !important; } #viewer.wiping .sweep { display: block; }
+#viewer label { display: flex; gap: 10px; align-items: center; } #viewer input { flex: 1; min-width: 60px; accent-color: var(--c0); }
+.flat-viewer .panels { max-width: 640px; }
+.below { min-height: 56px; margin-top: 8px; font-size: 13px; color: var(--soft); display: flex; flex-wrap: wrap; gap: 4px 28px; align-items: center; }
+.below > div { flex: 1 1 340px; } .readout { font-variant-numeric: tabular-nums; }
 .bar { margin-top: 8px; max-width: 420px; font-size: 12px; color: var(--soft); line-height: 1.2; }
 .bar img { display: block; width: 100%; height: 10px; border-radius: 2px; }
 .bar > div { display: flex; justify-content: space-between; margin-top: 3px; }
@@ -72,6 +84,7 @@ th:first-child, td:first-child { text-align: left; padding-left: 0; }
 .inputs td:last-child { white-space: normal; overflow-wrap: anywhere; font-size: 11.5px; color: var(--soft); min-width: 180px; }
 footer { margin-top: 40px; color: var(--soft); font-size: 12.5px; }
 @media print {
+  #viewer, details { display: none; }
   :root { color-scheme: light; --back: #fff; --card: #fff; --ink: #000; --soft: #444; --line: #bbb;
           --c0: #1f5fa8; --c1: #c2541b; --c2: #3f8f4f; --c3: #8a4fa3; }
   body { font-size: 10.5pt; } main { max-width: none; padding: 0; }

@@ -105,6 +105,19 @@ double Pictures<Dim>::warped_at(const Vector<Dim>& index) const {
 }
 
 template <int Dim>
+double Pictures<Dim>::displacement_at(const Vector<Dim>& index) const {
+  return sample(input_.result->displacement, index).norm();
+}
+
+template <int Dim>
+double Pictures<Dim>::jacobian_at(const Vector<Dim>& index) const {
+  // The nearest voxel: interpolation would hide a fold between good neighbours.
+  const Volume<Dim>& image = input_.result->jacobian;
+  const Vector<Dim> nearest = index.array().round().matrix();
+  return sample(image.grid, image.samples.data(), nearest);
+}
+
+template <int Dim>
 template <class ColourAt>
 Raster Pictures<Dim>::paint(const SlicePlane<Dim>& plane, const ColourAt& colour_at) const {
   Raster raster(plane.width, plane.height);
@@ -156,17 +169,14 @@ Raster Pictures<Dim>::checkerboard(const SlicePlane<Dim>& plane) const {
 template <int Dim>
 Raster Pictures<Dim>::displacement(const SlicePlane<Dim>& plane) const {
   return paint(plane, [&](const Vector<Dim>& index, int, int) {
-    return sequential(sample(input_.result->displacement, index).norm() / displacement_range_);
+    return sequential(displacement_at(index) / displacement_range_);
   });
 }
 
 template <int Dim>
 Raster Pictures<Dim>::jacobian(const SlicePlane<Dim>& plane) const {
-  const Volume<Dim>& image = input_.result->jacobian;
   return paint(plane, [&](const Vector<Dim>& index, int, int) {
-    // The nearest voxel: interpolation would hide a fold between good neighbours.
-    const Vector<Dim> nearest = index.array().round().matrix();
-    const double j = sample(image.grid, image.samples.data(), nearest);
+    const double j = jacobian_at(index);
     return j > 0 ? diverging(std::log2(j) / std::log2(jacobian_range_)) : folded;
   });
 }

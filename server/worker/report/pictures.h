@@ -23,6 +23,13 @@ class Pictures {
   Raster jacobian(const SlicePlane<Dim>& plane) const;
   Raster momentum(const SlicePlane<Dim>& plane, std::size_t field) const;
 
+  /// What the pictures are made of, at a continuous index of the fixed grid. Intensities in the window: 0 to 1.
+  double fixed_at(const Vector<Dim>& index) const;
+  double moving_at(const Vector<Dim>& index) const;
+  double warped_at(const Vector<Dim>& index) const;
+  double displacement_at(const Vector<Dim>& index) const;  ///< mm
+  double jacobian_at(const Vector<Dim>& index) const;      ///< of the nearest voxel
+
   double difference_range() const { return difference_range_; }      ///< shares of the intensity window, each way
   double displacement_range() const { return displacement_range_; }  ///< mm
   double jacobian_range() const { return jacobian_range_; }          ///< the colours end at 1/range and range, > 1
@@ -35,9 +42,6 @@ class Pictures {
   };
   static Window window_of(const Volume<Dim>& image);
 
-  double fixed_at(const Vector<Dim>& index) const;  ///< in the window: 0 to 1
-  double moving_at(const Vector<Dim>& index) const;
-  double warped_at(const Vector<Dim>& index) const;
   template <class ColourAt>
   Raster paint(const SlicePlane<Dim>& plane, const ColourAt& colour_at) const;
 

@@ -6,19 +6,31 @@
 
 namespace saltus::report {
 
-std::string encode_png(const Raster& raster) {
+namespace {
+
+std::string encode(int width, int height, png_uint_32 format, const void* pixels) {
   png_image image{};
   image.version = PNG_IMAGE_VERSION;
-  image.width = static_cast<png_uint_32>(raster.width);
-  image.height = static_cast<png_uint_32>(raster.height);
-  image.format = PNG_FORMAT_RGB;
+  image.width = static_cast<png_uint_32>(width);
+  image.height = static_cast<png_uint_32>(height);
+  image.format = format;
   // The first call only tells the size; libpng allows guessing an upper bound, but then compresses twice as well.
   png_alloc_size_t bytes = PNG_IMAGE_PNG_SIZE_MAX(image);
   std::string file(bytes, '\0');
-  if (!png_image_write_to_memory(&image, file.data(), &bytes, 0, raster.pixels.data(), 0, nullptr))
+  if (!png_image_write_to_memory(&image, file.data(), &bytes, 0, pixels, 0, nullptr))
     throw std::runtime_error(std::string("a picture of the report cannot be encoded: ") + image.message);
   file.resize(bytes);
   return file;
+}
+
+}  // namespace
+
+std::string encode_png(const Raster& raster) {
+  return encode(raster.width, raster.height, PNG_FORMAT_RGB, raster.pixels.data());
+}
+
+std::string encode_png(const GreyRaster& raster) {
+  return encode(raster.width, raster.height, PNG_FORMAT_GRAY, raster.pixels.data());
 }
 
 std::string base64(std::string_view bytes) {
@@ -35,5 +47,6 @@ std::string base64(std::string_view bytes) {
 }
 
 std::string data_uri(const Raster& raster) { return "data:image/png;base64," + base64(encode_png(raster)); }
+std::string data_uri(const GreyRaster& raster) { return "data:image/png;base64," + base64(encode_png(raster)); }
 
 }  // namespace saltus::report

@@ -23,12 +23,24 @@ struct Raster {
   const Colour& at(int column, int row) const { return pixels[static_cast<std::size_t>(row) * width + column]; }
 };
 
+/// The same with one grey value a pixel.
+struct GreyRaster {
+  int width = 0;
+  int height = 0;
+  std::vector<std::uint8_t> pixels;
+
+  GreyRaster(int columns, int rows) : width(columns), height(rows), pixels(static_cast<std::size_t>(columns) * rows) {}
+  std::uint8_t& at(int column, int row) { return pixels[static_cast<std::size_t>(row) * width + column]; }
+};
+
 /// The bytes of a PNG file, 8 bits a channel.
 std::string encode_png(const Raster& raster);
+std::string encode_png(const GreyRaster& raster);
 
 std::string base64(std::string_view bytes);
 
 /// "data:image/png;base64,...", what an <img> shows without loading a file.
 std::string data_uri(const Raster& raster);
+std::string data_uri(const GreyRaster& raster);
 
 }  // namespace saltus::report

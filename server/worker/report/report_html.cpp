@@ -7,6 +7,7 @@
 #include "server/worker/report/markup.h"
 #include "server/worker/report/page_style.h"
 #include "server/worker/report/report.h"
+#include "server/worker/report/viewer.h"
 
 #include <algorithm>
 #include <cmath>
@@ -234,11 +235,12 @@ std::string report_html(const ReportInput<Dim>& input) {
   const RegistrationOptions& options = *input.options;
   const std::string title = escaped(input.title.empty() ? "Registration" : input.title);
   std::string html =
-      "<!DOCTYPE html>\n<html lang=\"en\"><head><meta charset=\"utf-8\"><meta name=\"viewport\" "
-      "content=\"width=device-width, initial-scale=1\"><title>" +
-      title + "</title><style>" + page_style + "</style></head><body><main>\n<h1>" + title +
-      "</h1>\n<p class=\"lead\">Model " + to_string(options.model) + ", similarity " + to_string(options.similarity) +
-      ", preset " + to_string(options.preset) + "; fixed image " + describe(input.input->fixed.grid) + "</p>\n";
+      "<!DOCTYPE html>\n<html lang=\"en\"><head><meta charset=\"utf-8\">"
+      "<meta http-equiv=\"Content-Security-Policy\" content=\"" +
+      content_policy() + "\"><meta name=\"viewport\" content=\"width=device-width, initial-scale=1\"><title>" + title +
+      "</title><style>" + page_style + "</style></head><body><main>\n<h1>" + title + "</h1>\n<p class=\"lead\">Model " +
+      to_string(options.model) + ", similarity " + to_string(options.similarity) + ", preset " +
+      to_string(options.preset) + "; fixed image " + describe(input.input->fixed.grid) + "</p>\n";
   html += cards(input, analysis);
   html += findings_section(findings(input, analysis));
   html += figure_sections(input, analysis);

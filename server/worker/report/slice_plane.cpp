@@ -7,8 +7,6 @@
 namespace saltus::report {
 namespace {
 
-constexpr int longest_side = 512;  // pixels; more only makes the page heavy
-
 /// Sum of |gradient of u| over each slice of each axis. Slices at the border are left out (zero), since what happens
 /// there is seldom what one wants to see.
 template <int Dim>
@@ -68,7 +66,7 @@ Orientation orientation_of(const Matrix<3>& direction) {
 }
 
 template <int Dim>
-void set_size(SlicePlane<Dim>& plane, const ImageGrid<Dim>& grid) {
+void set_size(SlicePlane<Dim>& plane, const ImageGrid<Dim>& grid, int longest_side) {
   const double wide = grid.size[plane.right_axis] * grid.spacing[plane.right_axis];
   const double high = grid.size[plane.down_axis] * grid.spacing[plane.down_axis];
   plane.pixel_mm = std::max({std::min(grid.spacing[plane.right_axis], grid.spacing[plane.down_axis]),
@@ -77,13 +75,13 @@ void set_size(SlicePlane<Dim>& plane, const ImageGrid<Dim>& grid) {
   plane.height = std::max(1, static_cast<int>(std::lround(high / plane.pixel_mm)));
 }
 
-std::vector<SlicePlane<2>> planes_at(const Vector<2>&, const ImageGrid<2>& grid) {
+std::vector<SlicePlane<2>> planes_at(const Vector<2>&, const ImageGrid<2>& grid, int longest_side) {
   SlicePlane<2> plane;
-  set_size(plane, grid);
+  set_size(plane, grid, longest_side);
   return {plane};
 }
 
-std::vector<SlicePlane<3>> planes_at(const Vector<3>& point, const ImageGrid<3>& grid) {
+std::vector<SlicePlane<3>> planes_at(const Vector<3>& point, const ImageGrid<3>& grid, int longest_side) {
   // World axes (LPS) to the right and down: patient's left on the right, head at the top.
   struct View {
     const char* name;
@@ -112,7 +110,7 @@ std::vector<SlicePlane<3>> planes_at(const Vector<3>& point, const ImageGrid<3>&
       plane.top_label = view.top_label;
       plane.bottom_label = view.bottom_label;
     }
-    set_size(plane, grid);
+    set_size(plane, grid, longest_side);
     planes.push_back(plane);
   }
   return planes;
@@ -137,20 +135,20 @@ Vector<2> SlicePlane<Dim>::picture_point(const Vector<Dim>& index, const ImageGr
 }
 
 template <int Dim>
-std::vector<SlicePlane<Dim>> choose_planes(const VectorVolume<Dim>& displacement) {
-  return planes_at(point_of_interest(displacement), displacement.grid);
+std::vector<SlicePlane<Dim>> choose_planes(const VectorVolume<Dim>& displacement, int longest_side) {
+  return planes_at(point_of_interest(displacement), displacement.grid, longest_side);
 }
 
 template <int Dim>
-std::vector<SlicePlane<Dim>> planes_through(const Vector<Dim>& point, const ImageGrid<Dim>& grid) {
-  return planes_at(Vector<Dim>(point.array().floor().matrix()), grid);
+std::vector<SlicePlane<Dim>> planes_through(const Vector<Dim>& point, const ImageGrid<Dim>& grid, int longest_side) {
+  return planes_at(Vector<Dim>(point.array().floor().matrix()), grid, longest_side);
 }
 
 template struct SlicePlane<2>;
 template struct SlicePlane<3>;
-template std::vector<SlicePlane<2>> choose_planes(const VectorVolume<2>&);
-template std::vector<SlicePlane<3>> choose_planes(const VectorVolume<3>&);
-template std::vector<SlicePlane<2>> planes_through(const Vector<2>&, const ImageGrid<2>&);
-template std::vector<SlicePlane<3>> planes_through(const Vector<3>&, const ImageGrid<3>&);
+template std::vector<SlicePlane<2>> choose_planes(const VectorVolume<2>&, int);
+template std::vector<SlicePlane<3>> choose_planes(const VectorVolume<3>&, int);
+template std::vector<SlicePlane<2>> planes_through(const Vector<2>&, const ImageGrid<2>&, int);
+template std::vector<SlicePlane<3>> planes_through(const Vector<3>&, const ImageGrid<3>&, int);
 
 }  // namespace saltus::report

@@ -30,12 +30,14 @@ struct SlicePlane {
 };
 
 /// The plane of a 2-D image; of a 3-D image the three orthogonal ones through the slices over which the gradient of u,
-/// summed, is largest, so that they cut what moves differently from its neighbourhood. Radiological orientation.
+/// summed, is largest, so that they cut what moves differently from its neighbourhood. Radiological orientation. No
+/// picture has more than `longest_side` pixels along an axis.
 template <int Dim>
-std::vector<SlicePlane<Dim>> choose_planes(const VectorVolume<Dim>& displacement);
+std::vector<SlicePlane<Dim>> choose_planes(const VectorVolume<Dim>& displacement, int longest_side = 512);
 
 /// The same planes through the voxel `point` (a continuous index, rounded down).
 template <int Dim>
-std::vector<SlicePlane<Dim>> planes_through(const Vector<Dim>& point, const ImageGrid<Dim>& grid);
+std::vector<SlicePlane<Dim>> planes_through(const Vector<Dim>& point, const ImageGrid<Dim>& grid,
+                                            int longest_side = 512);
 
 }  // namespace saltus::report

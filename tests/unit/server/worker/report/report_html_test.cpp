@@ -4,6 +4,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <random>
 #include <regex>
 
 namespace saltus::report {
@@ -23,8 +24,13 @@ void expect_self_contained(const Scene& scene) {
   const std::string html = report_html(scene.report);
   EXPECT_THAT(html, Not(HasSubstr("http:")));
   EXPECT_THAT(html, Not(HasSubstr("https:")));
-  for (const char* loader : {"<link", "<script", "<iframe", "@import", "url(", "srcset"})
+  for (const char* loader : {"<link", "<iframe", "<object", "<embed", "@import", "url(", "srcset", "fetch(",
+                             "XMLHttpRequest", "WebSocket", "import(", "sendBeacon"})
     EXPECT_THAT(html, Not(HasSubstr(loader)));
+  // One script, within the page; and the browser is told to load nothing at all.
+  EXPECT_EQ(count(html, "<script"), 1u);
+  EXPECT_EQ(count(html, "<script>"), 1u);
+  EXPECT_THAT(html, HasSubstr("Content-Security-Policy\" content=\"default-src 'none'; img-src data:;"));
   EXPECT_GT(count(html, "src=\""), 10u);
   EXPECT_EQ(count(html, "src=\""), count(html, "src=\"data:image/png;base64,"));
 }
@@ -67,8 +73,31 @@ TEST(ReportHtml, ShowsATitleAsText) {
   ReportScene<2> scene(3);
   scene.report.title = "<script>alert('x')</script> & co";
   const std::string html = report_html(scene.report);
-  EXPECT_THAT(html, Not(HasSubstr("<script>")));
+  EXPECT_THAT(html, Not(HasSubstr("<script>alert")));
+  EXPECT_EQ(count(html, "<script"), 1u);  // the viewer's
   EXPECT_THAT(html, HasSubstr("&lt;script&gt;"));
+}
+
+TEST(ReportHtml, CarriesTheVolumesOfTheViewer) {
+  const std::string html = report_html(ReportScene<3>(3).report);
+  for (const char* name : {"fixed", "moving", "registered", "displacement", "jacobian"})
+    EXPECT_EQ(count(html, "data-volume=\"" + std::string(name) + "\""), 1u) << name;
+  EXPECT_EQ(count(html, "data-slice"), 3u + 2u);  // a slider for each plane; the script speaks of it twice
+  EXPECT_EQ(count(report_html(ReportScene<2>(3).report), "data-slice min"), 0u);
+}
+
+TEST(ReportHtml, ShowsTheJumpAlongTheInterface) {
+  EXPECT_THAT(report_html(ReportScene<3>(3).report),
+              testing::AllOf(HasSubstr("Tangential jump"), HasSubstr("point of the largest tangential jump")));
+  EXPECT_THAT(report_html(ReportScene<3>(0).report), HasSubstr("the motion that was found is smooth"));
+}
+
+TEST(ReportHtml, StaysSmallWhenTheImagesAreLargeAndFullOfNoise) {
+  ReportScene<3> scene(3, {160, 140, 120});
+  std::mt19937 random(3);
+  for (Volume<3>* image : {&scene.images.fixed, &scene.images.moving, &scene.result.warped})
+    for (float& sample : image->samples) sample = static_cast<float>(random() % 1000);
+  EXPECT_LT(report_html(scene.report).size(), 8u << 20);
 }
 
 TEST(ReportHtml, CopesWithAConstantImageAndNoMotion) {

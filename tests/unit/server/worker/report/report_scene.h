@@ -15,9 +15,15 @@ struct ReportScene {
   RegistrationOptions options = default_options(Model::Sliding, SimilarityType::Ssd, Preset::Fast);
   ReportInput<Dim> report;
 
-  explicit ReportScene(double shift_mm) {
+  static Index<Dim> small() {
+    Index<Dim> size{};
+    for (int axis = 0; axis < Dim; ++axis) size[axis] = 12 + 4 * axis;
+    return size;
+  }
+
+  explicit ReportScene(double shift_mm, const Index<Dim>& size = small()) {
     ImageGrid<Dim> grid;
-    for (int axis = 0; axis < Dim; ++axis) grid.size[axis] = 12 + 4 * axis;
+    grid.size = size;
     grid.spacing[Dim - 1] = 2;
     grid.origin[0] = -5;
     result.options = options;
