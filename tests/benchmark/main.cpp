@@ -10,6 +10,7 @@
 
 #include "tests/benchmark/block_costs.h"
 #include "tests/benchmark/hard_cases.h"
+#include "tests/benchmark/peers/peers.h"
 #include "tests/benchmark/slip_table.h"
 
 namespace {
@@ -31,13 +32,41 @@ int finish(const std::vector<Column>& columns, const std::vector<Row>& rows, con
   return std::any_of(rows.begin(), rows.end(), [](const Row& row) { return !row.complaints.empty(); }) ? 1 : 0;
 }
 
+void add_peers(CLI::App& app, int& exit_code) {
+  CLI::App* command = app.add_subcommand(
+      "peers",
+      "Presets of saltus beside other installed programs: error against CPU time. Can be interrupted: what was "
+      "measured under the same setting is not run again");
+  static PeersOptions options;
+  options.data = SALTUS_SHARED_DATA;
+  options.program = std::filesystem::read_symlink("/proc/self/exe").parent_path() / "saltus";
+  command->add_option("--out", options.out, "Folder of runs.json, table.md and error_against_time.svg")->required();
+  command->add_option("--data", options.data, "Folder of the shared images")->envname("SALTUS_SHARED_DATA");
+  command->add_option("--program", options.program, "The saltus to measure, beside its saltusd and saltus-worker");
+  command->add_option("--methods", options.methods, "Of saltus, elastix and plastimatch")->delimiter(',');
+  command->add_option("--models", options.models, "Of saltus")->delimiter(',');
+  command->add_option("--presets", options.presets, "Of saltus")->delimiter(',');
+  command->add_option("--threads", options.threads, "Each of these numbers of threads")->delimiter(',');
+  command->add_option("--sizes", options.sizes, "Phantoms of so many times the voxels along each axis")->delimiter(',');
+  command->add_option("--only", options.only, "Runs whose 'pair, method' contains this")->type_name("TEXT");
+  command->add_flag("--fresh", options.is_fresh, "Measure again what was measured before");
+  command->callback([&exit_code] {
+    try {
+      exit_code = run_peers(options, std::cerr) ? 0 : 1;
+    } catch (const std::exception& error) {
+      std::cerr << error.what() << '\n';
+      exit_code = 2;
+    }
+  });
+}
+
 }  // namespace
 
 int main(int argument_count, char** arguments) {
 #ifdef _OPENMP
   omp_set_num_threads(1);  // what is not a registration; those have their own number
 #endif
-  CLI::App app("Measures registrations of scenes whose truth is known, in this process and in one thread");
+  CLI::App app("Measures registrations of scenes whose truth is known, and what their parts cost");
   app.require_subcommand(1);
   std::string json_file, only;
   bool is_quick = false;
@@ -59,6 +88,7 @@ int main(int argument_count, char** arguments) {
   add("blocks", "What active and inactive blocks of first-order momenta cost")->callback([&] {
     exit_code = finish(block_cost_columns(), block_cost_rows(is_quick, std::cerr), json_file);
   });
+  add_peers(app, exit_code);
   CLI11_PARSE(app, argument_count, arguments);
   return exit_code;
 }
