@@ -15,6 +15,7 @@
 #include <atomic>
 #include <cerrno>
 #include <cstdio>
+#include <cstdlib>
 #include <exception>
 #include <iostream>
 #include <memory>
@@ -85,13 +86,35 @@ DaemonSettings settings_of(const Config& config) {
   return settings;
 }
 
+#ifdef SALTUS_FAILPOINTS
+/// In the daemon built for tests, what is kept for days comes to its end in time: the environment's SALTUS_DAYS_AHEAD.
+class ClockAhead final : public Clock {
+ public:
+  explicit ClockAhead(int days) : ahead_(std::chrono::days(days)) {}
+  WallTime wall() const override { return SystemClock().wall() + ahead_; }
+  SteadyTime steady() const override { return SystemClock().steady(); }
+
+ private:
+  const std::chrono::milliseconds ahead_;
+};
+#endif
+
+DaemonParts parts_of_process() {
+  DaemonParts parts;
+#ifdef SALTUS_FAILPOINTS
+  if (const char* days = std::getenv("SALTUS_DAYS_AHEAD")) parts.clock = std::make_shared<ClockAhead>(std::atoi(days));
+#endif
+  return parts;
+}
+
 int serve(const Config& config, int signals) {
   std::atomic<bool> is_broken{false};
-  Daemon daemon(settings_of(config), [&](const std::string& reason) {
+  const auto on_broken = [&](const std::string& reason) {
     write_log(
         {LogLine::Level::Error, "the disk has failed, so the daemon only reads until it is started again: " + reason});
     is_broken = true;
-  });
+  };
+  Daemon daemon(settings_of(config), on_broken, parts_of_process());
   write_log("saltusd " SALTUS_VERSION " serves " + daemon.address() + " with " + std::to_string(config.slots) +
             " slots");
   std::printf("listening on %s\n", daemon.address().c_str());

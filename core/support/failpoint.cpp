@@ -11,6 +11,9 @@
 #include <string>
 #include <thread>
 
+#include <fcntl.h>
+#include <unistd.h>
+
 namespace saltus {
 namespace {
 
@@ -23,6 +26,7 @@ struct Chosen {
   std::string action = "kill";
   const char* armed_file = std::getenv("SALTUS_FAILPOINT_ARMED");
   const char* once_file = std::getenv("SALTUS_FAILPOINT_ONCE");
+  const char* record_file = std::getenv("SALTUS_FAILPOINT_RECORD");
   std::atomic<int> passes_left = 1;
 
   Chosen() {
@@ -56,6 +60,14 @@ void take_memory_by_malloc() {
   }
 }
 
+/// One write to a file that is appended to: lines of several processes do not mix.
+void record(const char* file, std::string line) {
+  line += '\n';
+  const int descriptor = ::open(file, O_WRONLY | O_CREAT | O_APPEND | O_CLOEXEC, 0600);
+  if (::write(descriptor, line.data(), line.size()) != static_cast<ssize_t>(line.size())) std::abort();
+  ::close(descriptor);
+}
+
 void act(const std::string& action) {
   if (action == "segv") std::raise(SIGSEGV);
   if (action == "exit") std::_Exit(0);
@@ -74,6 +86,7 @@ void reach_failpoint(const char* name) {
   if (chosen.armed_file && !std::ifstream(chosen.armed_file)) return;
   if (--chosen.passes_left != 0) return;
   if (chosen.once_file && std::remove(chosen.once_file) != 0) return;
+  if (chosen.record_file) record(chosen.record_file, name);
   if (chosen.action == "kill") std::raise(SIGKILL);
   std::cerr << "failpoint " << name << ": " << chosen.action << std::endl;
   act(chosen.action);

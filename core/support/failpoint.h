@@ -18,7 +18,7 @@
 ///
 /// What it is going to do stands on standard error first, but for kill. When SALTUS_FAILPOINT_ARMED names a file, only
 /// what happens while that file is there counts; when SALTUS_FAILPOINT_ONCE does, whichever process acts first removes
-/// it, and no other acts.
+/// it, and no other acts. The file that SALTUS_FAILPOINT_RECORD names gets a line from each process that acts.
 #ifdef SALTUS_FAILPOINTS
 namespace saltus {
 void reach_failpoint(const char* name);

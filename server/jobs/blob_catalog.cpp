@@ -2,6 +2,7 @@
 
 #include "server/jobs/refusal.h"
 
+#include <future>
 #include <map>
 
 namespace saltus::server {
@@ -17,13 +18,7 @@ std::vector<std::string> BlobCatalog::missing(const std::vector<std::string>& di
       if (reader.is_marked_unreferenced(digest)) marked.push_back(digest);
     }
   });
-  // Who is told that a blob is here means to use it: its time begins anew.
-  if (!marked.empty())
-    rows_.write(
-        [marked](JobTable& table) {
-          for (const std::string& digest : marked) table.unmark_unreferenced(digest);
-        },
-        [](std::exception_ptr) {});
+  for (const std::string& digest : renew(marked)) sizes.erase(digest);
   // A row whose bytes were damaged from outside counts as missing, so that a new upload heals it.
   std::vector<std::string> result;
   for (const std::string& digest : digests) {
@@ -33,10 +28,39 @@ std::vector<std::string> BlobCatalog::missing(const std::vector<std::string>& di
   return result;
 }
 
+/// Who is told that a blob is here means to use it: its time begins anew, before the answer, so that neither a
+/// collection of garbage nor a crash can come between. Returns those that a collection has removed meanwhile.
+std::vector<std::string> BlobCatalog::renew(const std::vector<std::string>& marked) {
+  if (marked.empty()) return {};
+  std::vector<std::string> gone;
+  std::promise<void> is_durable;
+  rows_.write(
+      [&](JobTable& table) {
+        gone.clear();
+        for (const std::string& digest : marked) {
+          if (!table.blob_size(digest)) gone.push_back(digest);
+          table.unmark_unreferenced(digest);
+        }
+      },
+      [&](std::exception_ptr error) { error ? is_durable.set_exception(error) : is_durable.set_value(); });
+  try {
+    is_durable.get_future().get();
+  } catch (const Refusal& refusal) {
+    // A daemon that only reads removes nothing either.
+    if (refusal.kind() != RefusalKind::Unavailable) throw;
+  }
+  return gone;
+}
+
 bool BlobCatalog::has(const std::string& digest, std::int64_t size) {
   std::optional<std::int64_t> known;
-  rows_.read([&](JobReader& reader) { known = reader.blob_size(digest); });
-  return known == size && bytes_.holds(digest, size);
+  bool is_marked = false;
+  rows_.read([&](JobReader& reader) {
+    known = reader.blob_size(digest);
+    is_marked = known && reader.is_marked_unreferenced(digest);
+  });
+  if (known != size || (is_marked && !renew({digest}).empty())) return false;
+  return bytes_.holds(digest, size);
 }
 
 std::unique_ptr<BlobUpload> BlobCatalog::begin(const UploadPlan& plan) {

@@ -35,6 +35,8 @@ class BlobCatalog {
   void drop_bytes(std::vector<std::string> digests);
 
  private:
+  std::vector<std::string> renew(const std::vector<std::string>& marked);
+
   JobStore& rows_;
   BlobStore& bytes_;
   const Clock& clock_;

@@ -18,8 +18,10 @@ ssize_t Disk::write(int descriptor, const char* bytes, std::size_t count, off_t 
 ssize_t Disk::read(int descriptor, char* bytes, std::size_t count) { return ::read(descriptor, bytes, count); }
 
 int Disk::sync_data(int descriptor) {
+  SALTUS_FAILPOINT("sync_data.before");
   const int code = ::fdatasync(descriptor);
   if (code == 0) SALTUS_RECORD_SYNC(descriptor);
+  SALTUS_FAILPOINT("sync_data.after");
   return code;
 }
 

@@ -32,6 +32,18 @@ auto explained(const std::filesystem::path& file, Work work) {
   }
 }
 
+/// A daemon that was killed may have written to the log what it did not sync, and SQLite takes that for committed all
+/// the same: it has to be on the disk before anybody is told of it. The log is synced first, then moved to the
+/// database.
+void make_durable(Database& database) {
+  try {
+    database.query("PRAGMA wal_checkpoint(PASSIVE)").run();
+  } catch (const DatabaseError& error) {
+    // The log is safe where it is; there is no room to move it.
+    if (error.code() != SQLITE_FULL) throw;
+  }
+}
+
 }  // namespace
 
 void require_sound_database(const std::filesystem::path& file) {
@@ -46,7 +58,10 @@ void require_sound_database(const std::filesystem::path& file) {
 
 SqliteJobStore::SqliteJobStore(std::filesystem::path file, std::function<void(const std::string&)> on_broken)
     : file_(std::move(file)), on_broken_(std::move(on_broken)), writer_(file_, Database::Access::ReadWrite) {
-  explained(file_, [this] { prepare_schema(writer_); });
+  explained(file_, [this] {
+    prepare_schema(writer_);
+    make_durable(writer_);
+  });
   require_sound_database(file_);
   thread_ = std::thread([this] { run(); });
 }

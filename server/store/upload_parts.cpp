@@ -1,5 +1,6 @@
 #include "server/store/upload_parts.h"
 
+#include "core/support/failpoint.h"
 #include "server/jobs/refusal.h"
 #include "server/store/disk_errors.h"
 #include "server/store/file_upload.h"
@@ -102,7 +103,7 @@ void UploadParts::take_back(const fs::path& file, const std::string& digest) {
     fs::remove_all(file);
     return;
   }
-  if (::rename(file.c_str(), (folder_ / name).c_str()) != 0) throw system_failure("cannot rename " + file.string());
+  if (disk_.rename(file.c_str(), (folder_ / name).c_str()) != 0) throw system_failure("cannot rename " + file.string());
   add(name, modified(status));
 }
 
@@ -117,7 +118,7 @@ void UploadParts::adopt(const UploadPlan& plan) {
   if (found == parts_.end() || parts_.contains(name)) return;
   const auto part = found->second;
   const std::lock_guard part_lock(part->mutex);
-  if (part->is_gone || part->is_held || ::rename(part->file.c_str(), (folder_ / name).c_str()) != 0) return;
+  if (part->is_gone || part->is_held || disk_.rename(part->file.c_str(), (folder_ / name).c_str()) != 0) return;
   part->file = folder_ / name;
   parts_.erase(found);
   parts_.emplace(name, part);
@@ -278,7 +279,9 @@ BlobStore::Leftovers UploadParts::expire(std::chrono::milliseconds age) {
   for (const auto& part : parts) {
     const std::lock_guard lock(part->mutex);
     if (part->is_gone || part->is_held || part->touched > before) continue;
+    SALTUS_FAILPOINT("expire.before");
     removed.bytes += remove(*part);
+    SALTUS_FAILPOINT("expire.after");
     ++removed.count;
   }
   return removed;

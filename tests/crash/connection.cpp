@@ -120,21 +120,30 @@ std::string Connection::watch_to_the_end(const std::string& id,
   return reason_of(reader->Finish(), context);
 }
 
-std::string Connection::upload(const std::string& bytes) {
-  grpc::ClientContext context;
+grpc::Status Connection::send(grpc::ClientContext& context, v1::WriteBlobRequest request, const std::string& bytes,
+                              std::size_t end) {
   set_deadline(context, patience);
   v1::WriteBlobResponse response;
   const auto writer = blobs_->WriteBlob(&context, &response);
-  v1::WriteBlobRequest request;
   request.set_digest(digest_of(bytes));
   request.set_size(static_cast<std::int64_t>(bytes.size()));
-  for (std::size_t at = 0; at == 0 || at < bytes.size(); at += piece) {
-    request.set_data(bytes.substr(at, piece));
+  const auto begin = static_cast<std::size_t>(request.write_offset());
+  for (std::size_t at = begin; at == begin || at < end; at += piece) {
+    request.set_data(bytes.substr(at, std::min(piece, end - at)));
     if (!writer->Write(request)) break;
     request.Clear();
   }
-  writer->WritesDone();
-  if (const std::string reason = reason_of(writer->Finish(), context); !reason.empty())
+  if (end == bytes.size())
+    writer->WritesDone();
+  else
+    context.TryCancel();
+  return writer->Finish();
+}
+
+std::string Connection::upload(const std::string& bytes) {
+  grpc::ClientContext context;
+  const grpc::Status status = send(context, {}, bytes, bytes.size());
+  if (const std::string reason = reason_of(status, context); !reason.empty())
     throw Violation("an upload was refused: " + reason);
   return digest_of(bytes);
 }
@@ -142,26 +151,11 @@ std::string Connection::upload(const std::string& bytes) {
 bool Connection::upload_piece(const std::string& bytes, const std::string& upload_id, std::size_t begin,
                               std::size_t end) {
   grpc::ClientContext context;
-  set_deadline(context, patience);
-  v1::WriteBlobResponse response;
-  const auto writer = blobs_->WriteBlob(&context, &response);
   v1::WriteBlobRequest request;
-  request.set_digest(digest_of(bytes));
-  request.set_size(static_cast<std::int64_t>(bytes.size()));
   request.set_upload_id(upload_id);
   request.set_write_offset(static_cast<std::int64_t>(begin));
-  for (std::size_t at = begin; at == begin || at < end; at += piece) {
-    request.set_data(bytes.substr(at, std::min(piece, end - at)));
-    if (!writer->Write(request)) break;
-    request.Clear();
-  }
-  const bool is_whole = end == bytes.size();
-  if (is_whole)
-    writer->WritesDone();
-  else
-    context.TryCancel();
-  const grpc::Status status = writer->Finish();
-  if (status.error_code() == grpc::StatusCode::CANCELLED && !is_whole) return false;
+  const grpc::Status status = send(context, std::move(request), bytes, end);
+  if (status.error_code() == grpc::StatusCode::CANCELLED && end < bytes.size()) return false;
   const std::string reason = reason_of(status, context);
   // The daemon may still be busy with the stream that was hung up before.
   if (reason == "OFFSET_MISMATCH" || reason == "UPLOAD_TAKEN_OVER") return false;
@@ -230,18 +224,16 @@ std::vector<v1::RegistrationJob> Connection::list_all() {
   return jobs;
 }
 
-void Connection::collect_garbage() {
+v1::CollectGarbageResponse Connection::collect_garbage() {
   grpc::ClientContext context;
   set_deadline(context, patience);
   v1::CollectGarbageResponse response;
   if (const std::string reason = reason_of(admin_->CollectGarbage(&context, {}, &response), context); !reason.empty())
     throw Violation("collecting garbage was refused: " + reason);
-  // Nothing here is older than an hour.
-  if (response.jobs() + response.blobs() + response.uploads() > 0)
-    throw Violation("garbage was collected that was none: " + response.ShortDebugString());
+  return response;
 }
 
-void Connection::check_blobs() {
+std::optional<v1::FsckResponse> Connection::check_blobs() {
   grpc::ClientContext context;
   set_deadline(context, patience);
   const auto reader = admin_->Fsck(&context, {});
@@ -249,10 +241,11 @@ void Connection::check_blobs() {
   while (reader->Read(&response)) {
   }
   const std::string reason = reason_of(reader->Finish(), context);
-  if (reason == "RESOURCE_EXHAUSTED" || reason == "TOO_MANY_STREAMS") return;  // another client's is under way
+  if (reason == "RESOURCE_EXHAUSTED" || reason == "TOO_MANY_STREAMS") return std::nullopt;
   if (!reason.empty()) throw Violation("the check of the blobs was refused: " + reason);
   if (!response.is_done() || response.corrupt() + response.missing() + response.set_aside() > 0)
     throw Violation("the daemon finds its own blobs damaged: " + response.ShortDebugString());
+  return response;
 }
 
 }  // namespace saltus::crash

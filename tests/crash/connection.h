@@ -7,6 +7,7 @@
 
 #include <functional>
 #include <memory>
+#include <optional>
 #include <stdexcept>
 #include <string>
 #include <vector>
@@ -50,11 +51,16 @@ class Connection {
   std::string download(const std::string& digest);
   std::vector<std::string> missing(const std::vector<std::string>& digests);
   std::vector<v1::RegistrationJob> list_all();
-  void collect_garbage();
-  /// Reads every blob on the daemon's side. Throws Violation when one is damaged or missing.
-  void check_blobs();
+  v1::CollectGarbageResponse collect_garbage();
+  /// Reads every blob on the daemon's side. Throws Violation when one is damaged or missing. Nothing when another
+  /// client's check is under way.
+  std::optional<v1::FsckResponse> check_blobs();
 
  private:
+  /// The bytes from the request's write_offset to `end`; hangs up when that is not the end of the whole.
+  grpc::Status send(grpc::ClientContext& context, v1::WriteBlobRequest request, const std::string& bytes,
+                    std::size_t end);
+
   std::unique_ptr<v1::RegistrationService::Stub> jobs_;
   std::unique_ptr<v1::BlobService::Stub> blobs_;
   std::unique_ptr<v1::AdminService::Stub> admin_;

@@ -2,6 +2,8 @@
 
 #include "tests/crash/connection.h"
 
+#include <atomic>
+#include <chrono>
 #include <map>
 #include <optional>
 #include <set>
@@ -19,6 +21,8 @@ struct KnownJob {
   bool is_delete_tried = false;    ///< and the answer is not known
   bool is_deleted = false;         ///< which was acknowledged, or found to be so after a crash
   std::optional<std::string> end;  ///< state, reason, times and artefacts, once it was seen in a terminal state
+  std::chrono::system_clock::time_point end_time{};  ///< by the daemon's clock
+  std::string own_input;  ///< a digest that nobody asks about any more: only the job keeps the daemon from removing it
   std::vector<v1::Artifact> artifacts;
   bool is_checked = false;  ///< its artefacts have been read
 };
@@ -27,6 +31,19 @@ struct KnownJob {
 struct KnownUpload {
   std::string bytes, id;
   std::int64_t committed = 0;  ///< the daemon has said that so much is safe
+  int collections = 0;         ///< how often garbage had been collected when its last stream began
+};
+
+/// The daemon's clock and what goes with it, for all clients together.
+struct Era {
+  std::atomic<int> days_ahead = 0;   ///< of the real time
+  std::atomic<int> collections = 0;  ///< how often somebody has asked for garbage to be collected
+  std::atomic<std::chrono::steady_clock::time_point> daemon_start{};
+
+  /// The daemon may have collected garbage since `collections` was as told, asked or by itself.
+  bool may_have_collected(int since) const;
+  /// A job that ended then may be gone.
+  bool is_over(std::chrono::system_clock::time_point end) const;
 };
 
 /// What one client was told, and whether the daemon keeps to it. A breach is a Violation.
@@ -43,6 +60,11 @@ class Model {
   KnownJob& add(const v1::RegistrationSpec& spec);
   /// Begins a new batch, to whose jobs its number is to be given.
   int next_batch() { return ++batches_; }
+  /// The job is gone. Throws Violation when it must not be.
+  void observe_absence(KnownJob& job) const;
+  bool may_be_collected(const KnownJob& job) const { return job.end && era.is_over(job.end_time); }
+  /// Reads what the job refers to and nobody else asks about. Throws Violation when it is not there.
+  void check_own_input(Connection& daemon, const KnownJob& job) const;
   /// The daemon says this of an upload that was cut. Throws Violation when it must not.
   void observe(KnownUpload& upload, const v1::QueryWriteStatusResponse& said);
   /// The daemon says this of the job. Throws Violation when it must not.
@@ -55,6 +77,7 @@ class Model {
 
   /// Artefacts of a job of the real worker that was not disturbed: all others of its kind must be the same.
   static std::map<std::string, std::string> reference;
+  static Era era;
 
  private:
   void check_artifacts(Connection& daemon, KnownJob& job);

@@ -1,6 +1,6 @@
 # Fails when a program of WITHOUT has the failpoints of the programs of WITH.
 function(has_failpoints program result)
-  file(STRINGS ${program} found REGEX "SALTUS_FAILPOINT" LIMIT_COUNT 1)
+  file(STRINGS ${program} found REGEX "SALTUS_(FAILPOINT|DAYS_AHEAD)" LIMIT_COUNT 1)
   set(${result} FALSE PARENT_SCOPE)
   if(found)
     set(${result} TRUE PARENT_SCOPE)

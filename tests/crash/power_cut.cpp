@@ -4,6 +4,7 @@
 #include <cstdint>
 #include <fstream>
 #include <map>
+#include <sstream>
 #include <stdexcept>
 #include <vector>
 
@@ -43,8 +44,7 @@ class Disk {
     files_.erase(from);
   }
 
-  Losses cut() {
-    Losses losses;
+  void cut(Losses& losses) {
     for (const auto& [path, content] : files_) {
       std::error_code gone;
       const std::uintmax_t size = fs::file_size(path, gone);
@@ -63,7 +63,6 @@ class Disk {
       }
       ++losses.names;
     }
-    return losses;
   }
 
  private:
@@ -71,9 +70,40 @@ class Disk {
   std::vector<Name> names_;  ///< that no sync of their folder came after, oldest first
 };
 
+constexpr std::size_t sector = 512;
+
+std::string content_of(const fs::path& file) {
+  std::ostringstream text;
+  text << std::ifstream(file, std::ios::binary).rdbuf();
+  return text.str();
+}
+
+/// Of a file that has `written` and was last synced as `synced`.
+std::string sectors_of(const std::string& written, const std::string& synced, std::mt19937& generator) {
+  const auto is_lucky = [&] { return std::uniform_int_distribution<int>(0, 1)(generator) == 0; };
+  if (is_lucky()) return is_lucky() ? written : synced;
+  std::string left = is_lucky() ? written : synced;
+  for (std::size_t at = 0; at < left.size(); at += sector) {
+    const std::string& from = is_lucky() ? written : synced;
+    const std::size_t count = std::min(sector, left.size() - at);
+    // What was never written of a longer file is zero.
+    std::string bytes = at < from.size() ? from.substr(at, count) : "";
+    bytes.resize(count);
+    left.replace(at, count, bytes);
+  }
+  return left;
+}
+
+int different_sectors(const std::string& one, const std::string& other) {
+  int count = 0;
+  for (std::size_t at = 0; at < std::max(one.size(), other.size()); at += sector)
+    count += at >= one.size() || at >= other.size() || one.compare(at, sector, other, at, sector) != 0;
+  return count;
+}
+
 }  // namespace
 
-Losses cut_power(const fs::path& record) {
+void cut_power(const fs::path& record, Losses& losses) {
   Disk disk;
   std::ifstream in(record);
   for (std::string what, first, second;
@@ -87,9 +117,23 @@ Losses cut_power(const fs::path& record) {
     else
       throw std::runtime_error("the record of the disk has a line that begins with " + what);
   }
-  const Losses losses = disk.cut();
+  disk.cut(losses);
   fs::remove(record);
-  return losses;
+}
+
+void cut_power_of_database(const fs::path& file, const fs::path& copies, std::mt19937& generator, Losses& losses) {
+  // What processes share of the log in memory.
+  fs::remove(file.string() + "-shm");
+  for (const char* suffix : {"", "-wal", "-journal"}) {
+    const fs::path path = file.string() + suffix, copy = copies / path.filename();
+    if (!fs::exists(path) && !fs::exists(copy)) continue;
+    const std::string written = content_of(path), synced = content_of(copy);
+    if (written == synced) continue;
+    const std::string left = sectors_of(written, synced, generator);
+    losses.sectors += different_sectors(left, written);
+    std::ofstream(path, std::ios::binary | std::ios::trunc) << left;
+    std::ofstream(copy, std::ios::binary | std::ios::trunc) << left;
+  }
 }
 
 }  // namespace saltus::crash

@@ -2,6 +2,7 @@
 
 #include "tests/crash/fake_result.h"
 
+#include <algorithm>
 #include <utility>
 
 namespace saltus::crash {
@@ -9,8 +10,12 @@ namespace {
 
 constexpr int largest_blob = 200000;
 constexpr int recent_jobs = 12;
+constexpr int most_open_jobs = 15;  ///< of one client: workers are to come to all of them
 constexpr int largest_batch = 4;
 constexpr int one_in_so_many_is_real = 12;
+constexpr int one_in_so_many_has_own_input = 3;
+constexpr int one_in_so_many_collects = 10;
+constexpr int inputs_to_check = 3;  ///< after each collection
 
 void require(bool is_kept, const std::string& what) {
   if (!is_kept) throw Violation(what);
@@ -21,10 +26,16 @@ void require(bool is_kept, const std::string& what) {
 Traffic::Traffic(const std::string& owner, unsigned seed, v1::RegistrationSpec real)
     : model(owner), generator_(seed), real_(std::move(real)) {}
 
-void Traffic::run(const std::string& address, int actions) {
+void Traffic::run(const std::string& address, bool collects, const std::function<Pace()>& pace) {
   try {
     Connection daemon(address);
-    while (actions-- > 0) act(daemon);
+    for (Pace next = Pace::Busy; next != Pace::Stop; next = pace())
+      if (collects && random_below(one_in_so_many_collects) == 0)
+        collect_garbage(daemon);
+      else if (next == Pace::Patient && random_below(3) > 0)
+        watch(daemon);
+      else
+        act(daemon);
   } catch (const DaemonGone&) {
     // What this call was to do may have been done or not: the model says so.
   }
@@ -42,16 +53,20 @@ KnownJob* Traffic::random_job() {
 void Traffic::act(Connection& daemon) {
   const int choice = random_below(100);
   if (choice < 10) return upload(daemon);
-  if (choice < 16) return begin_upload(daemon);
+  if (choice < 17) return begin_upload(daemon);
   if (choice < 24) return continue_upload(daemon);
-  if (choice < 42) return create(daemon);
-  if (choice < 46) return create_batch(daemon);
+  if (choice < 46) {
+    const auto open = std::count_if(model.jobs.begin(), model.jobs.end(),
+                                    [](const KnownJob& job) { return !job.is_deleted && !job.end; });
+    if (open >= most_open_jobs) return get(daemon);
+    return choice < 42 ? create(daemon) : create_batch(daemon);
+  }
   if (choice < 52) return create_again(daemon);
   if (choice < 65) return get(daemon);
   if (choice < 75) return watch(daemon);
   if (choice < 85) return cancel(daemon);
   if (choice < 96) return remove(daemon);
-  if (choice < 98) return daemon.collect_garbage();
+  if (choice < 99) return download(daemon);
   model.compare(daemon, daemon.list_all());
 }
 
@@ -63,10 +78,33 @@ std::string Traffic::random_bytes() {
 
 void Traffic::upload(Connection& daemon) { model.uploads.push_back(daemon.upload(random_bytes())); }
 
+void Traffic::download(Connection& daemon) {
+  if (model.uploads.empty()) return upload(daemon);
+  const std::string& digest =
+      model.uploads[static_cast<std::size_t>(random_below(static_cast<int>(model.uploads.size())))];
+  require(digest_of(daemon.download(digest)) == digest, "blob " + digest + " has not the bytes of its digest");
+}
+
+void Traffic::collect_garbage(Connection& daemon) {
+  ++Model::era.collections;
+  const v1::CollectGarbageResponse said = daemon.collect_garbage();
+  require(Model::era.days_ahead > 0 || said.jobs() + said.blobs() + said.uploads() == 0,
+          "garbage was collected that is not a day old: " + said.ShortDebugString());
+  collected.set_jobs(collected.jobs() + said.jobs());
+  collected.set_blobs(collected.blobs() + said.blobs());
+  collected.set_uploads(collected.uploads() + said.uploads());
+  for (int i = 0; i < inputs_to_check; ++i) {
+    const KnownJob* job = random_job();
+    if (job && !job->own_input.empty() && !job->is_deleted && !job->is_delete_tried && !model.may_be_collected(*job))
+      model.check_own_input(daemon, *job);
+  }
+}
+
 void Traffic::begin_upload(Connection& daemon) {
   KnownUpload upload;
   upload.bytes = random_bytes();
   upload.id = model.owner() + "-" + std::to_string(generator_());
+  upload.collections = Model::era.collections;
   model.pending.push_back(upload);
   const std::size_t end = static_cast<std::size_t>(random_below(static_cast<int>(upload.bytes.size())));
   require(!daemon.upload_piece(upload.bytes, upload.id, 0, end), "an upload that was cut is said to be done");
@@ -78,6 +116,7 @@ void Traffic::continue_upload(Connection& daemon) {
   KnownUpload& upload = model.pending[chosen];
   const auto status = daemon.upload_status(upload.bytes, upload.id);
   model.observe(upload, status);
+  upload.collections = Model::era.collections;
   const auto begin = static_cast<std::size_t>(status.committed_size());
   std::size_t end = upload.bytes.size();
   if (random_below(3) == 0) end = begin + static_cast<std::size_t>(random_below(static_cast<int>(end - begin) + 1));
@@ -125,7 +164,14 @@ void Traffic::create_batch(Connection& daemon) {
 
 void Traffic::create(Connection& daemon) {
   if (model.uploads.empty()) return upload(daemon);
-  KnownJob& job = model.add(random_spec());
+  v1::RegistrationSpec spec = random_spec();
+  std::string own_input;
+  if (spec.output_format() == fake_format && random_below(one_in_so_many_has_own_input) == 0) {
+    own_input = daemon.upload(random_bytes());
+    spec.mutable_fixed()->set_digest(own_input);
+  }
+  KnownJob& job = model.add(spec);
+  job.own_input = own_input;
   v1::RegistrationJob said;
   const std::string reason = daemon.create(job.request, said);
   require(reason.empty(), "a job was refused: " + reason);
@@ -134,8 +180,8 @@ void Traffic::create(Connection& daemon) {
 
 void Traffic::create_again(Connection& daemon) {
   KnownJob* job = random_job();
-  // The request of a deleted job is a new one.
-  if (!job || job->is_deleted || job->is_delete_tried) return;
+  // The request of a job that is gone is a new one.
+  if (!job || job->is_deleted || job->is_delete_tried || model.may_be_collected(*job)) return;
   v1::RegistrationJob said;
   const std::string reason = daemon.create(job->request, said);
   require(reason.empty(), "a repeated request was refused: " + reason);
@@ -148,6 +194,7 @@ void Traffic::get(Connection& daemon) {
   v1::RegistrationJob said;
   const std::string reason = daemon.get(job->id, said);
   if (job->is_deleted) return require(reason == "JOB_NOT_FOUND", "a deleted job answers '" + reason + "'");
+  if (reason == "JOB_NOT_FOUND") return model.observe_absence(*job);
   require(reason.empty(), "job " + job->id + " was acknowledged and answers " + reason);
   model.observe(*job, said);
 }
@@ -157,6 +204,7 @@ void Traffic::watch(Connection& daemon) {
   if (!job || job->is_delete_tried || job->is_deleted) return;
   const std::string reason =
       daemon.watch(job->id, 1 + random_below(3), [&](const v1::RegistrationJob& said) { model.observe(*job, said); });
+  if (reason == "JOB_NOT_FOUND") return model.observe_absence(*job);
   require(reason.empty(), "job " + job->id + " was acknowledged and its watch answers " + reason);
 }
 
@@ -166,6 +214,7 @@ void Traffic::cancel(Connection& daemon) {
   job->is_cancel_tried = true;
   v1::RegistrationJob said;
   const std::string reason = daemon.cancel(job->id, said);
+  if (reason == "JOB_NOT_FOUND") return model.observe_absence(*job);
   require(reason.empty(), "job " + job->id + " was acknowledged and its cancel answers " + reason);
   model.observe(*job, said);
 }
@@ -176,6 +225,7 @@ void Traffic::remove(Connection& daemon) {
   job->is_delete_tried = true;
   const std::string reason = daemon.remove(job->id);
   job->is_delete_tried = false;
+  if (reason == "JOB_NOT_FOUND") return model.observe_absence(*job);
   if (reason.empty()) job->is_deleted = true;
   require(reason.empty() || (reason == "JOB_RUNNING" && !job->end), "a delete answers " + reason);
 }

@@ -1,5 +1,6 @@
 #include "server/jobs/garbage_collector.h"
 
+#include "server/jobs/blob_catalog.h"
 #include "server/jobs/fsck.h"
 #include "server/jobs/missing_inputs.h"
 #include "server/store/blob_directory.h"
@@ -111,6 +112,22 @@ TEST_F(GarbageCollectorTest, ANewUploadOrQuestionBeginsTheWeekAnew) {
   EXPECT_TRUE(has(asked));
   clock.advance(1 * 24h + 1ms);
   EXPECT_EQ(collect().blobs, 2);
+}
+
+// "It is here" is a promise: it holds for another week, whichever call has said so, and as soon as it is said.
+TEST_F(GarbageCollectorTest, WhoeverIsToldThatABlobIsHereHasAWeekToUseIt) {
+  BlobCatalog catalog(store, blobs, clock);
+  const std::string asked = put("asked"), sent = put("sent"), left = put("left");
+  collect();
+  clock.advance(7 * 24h + 1ms);
+  EXPECT_TRUE(catalog.missing({asked}).empty());
+  EXPECT_TRUE(catalog.has(sent, 4));
+  EXPECT_FALSE(catalog.has(left, 5)) << "another size";
+  EXPECT_EQ(collect().blobs, 1);
+  EXPECT_TRUE(has(asked));
+  EXPECT_TRUE(has(sent));
+  EXPECT_FALSE(has(left));
+  EXPECT_EQ(catalog.missing({left}), std::vector<std::string>{left});
 }
 
 TEST_F(GarbageCollectorTest, ResultsGoAMonthAfterTheEndAndTheirInputsAWeekLater) {

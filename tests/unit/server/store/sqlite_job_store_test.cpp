@@ -2,6 +2,7 @@
 
 #include "server/jobs/refusal.h"
 #include "server/store/schema.h"
+#include "tests/crash/synced_copy.h"
 #include "tests/support/temporary_folder.h"
 
 #include <gtest/gtest.h>
@@ -50,6 +51,23 @@ TEST(SqliteJobStore, WhatWasAnsweredIsThereAfterACrash) {
   for (const char* name : {"db", "db-wal"}) std::filesystem::copy(folder / name, crashed / name);
   SqliteJobStore recovered(crashed / "db", expect_intact);
   for (int i = 0; i < 20; ++i) EXPECT_TRUE(has(recovered, "job-" + std::to_string(i)));
+}
+
+// SQLite reads what a killed process has written and not synced. Whoever is told of it then must be able to rely on it.
+TEST(SqliteJobStore, WhatIsReadAfterACrashSurvivesAPowerCut) {
+  testing_support::TemporaryFolder folder, crashed, synced, after_power_cut;
+  {
+    SqliteJobStore store(folder / "db", expect_intact);
+    insert(store, "a").get();
+    for (const char* name : {"db", "db-wal"}) std::filesystem::copy(folder / name, crashed / name);
+  }
+  const crash::SyncedCopies copies(synced.path());
+  SqliteJobStore recovered(crashed / "db", expect_intact);
+  ASSERT_TRUE(has(recovered, "a"));
+  for (const auto& copy : std::filesystem::directory_iterator(synced.path()))
+    std::filesystem::copy(copy.path(), after_power_cut / copy.path().filename());
+  SqliteJobStore store(after_power_cut / "db", expect_intact);
+  EXPECT_TRUE(has(store, "a"));
 }
 
 TEST(SqliteJobStore, AnswersInTheOrderOfTheOperations) {
