@@ -9,6 +9,8 @@
 #include <nlohmann/json.hpp>
 
 #include "client/cli/command.h"
+#include "client/cli/input_check.h"
+#include "client/cli/points_format.h"
 #include "client/cli/transform_folder.h"
 #include "core/evaluation/field_error.h"
 #include "core/evaluation/grid_agreement.h"
@@ -29,6 +31,8 @@ struct EvaluateOptions {
   std::string fixed_labels, moving_labels;
   std::string truth;
   std::vector<std::string> masks;
+  PointsFormat points_format;
+  bool is_allowed = false;  ///< points outside of the image
   bool as_json = false;
 };
 
@@ -60,7 +64,15 @@ nlohmann::json score(const EvaluateOptions& options, const std::filesystem::path
   result["finite"] = std::all_of(displacement.samples.begin(), displacement.samples.end(),
                                  [](float value) { return std::isfinite(value); });
   if (!options.fixed_points.empty()) {
-    const auto fixed = read_points<Dim>(options.fixed_points), moving = read_points<Dim>(options.moving_points);
+    const PointsPlace<Dim> place{"--fixed-points", "fixed image", displacement.grid};
+    ImageGrid<Dim> moving_grid = displacement.grid;
+    // Only voxel indices need to know where the moving image is.
+    if (options.points_format.unit == "voxel")
+      moving_grid = read_displacement<Dim>(displacement_file(options.transform, TransformDirection::Inverse)).grid;
+    const auto fixed = read_points_as<Dim>(options.points_format, options.fixed_points, displacement.grid);
+    const auto moving = read_points_as<Dim>(options.points_format, options.moving_points, moving_grid);
+    if (const std::string suspicion = points_suspicion(fixed, place); !suspicion.empty() && !options.is_allowed)
+      throw InvalidInput(suspicion + " If it is meant so, add --allow-outside.");
     result["tre_before_mm"] = as_json(summarise(landmark_distances<Dim>(fixed, moving)));
     result["tre_mm"] = as_json(summarise(landmark_errors(displacement, fixed, moving)));
   }
@@ -171,6 +183,8 @@ void add_evaluate_command(CLI::App& app, int& exit_code) {
   add_file("--fixed-points", options->fixed_points, "Landmarks of the fixed image")->type_name("P.csv");
   add_file("--moving-points", options->moving_points, "The same landmarks in the moving image, row by row")
       ->type_name("Q.csv");
+  add_points_format_options(*command, options->points_format);
+  command->add_flag("--allow-outside", options->is_allowed, "Go on although most points lie outside of the image");
   add_file("--fixed-labels", options->fixed_labels, "Label map of the fixed image, on any grid")->type_name("IMAGE");
   add_file("--moving-labels", options->moving_labels, "Label map of the moving image")->type_name("IMAGE");
   add_file("--truth", options->truth, "True displacement on the fixed grid")->type_name("FIELD");

@@ -1,13 +1,19 @@
 #include "client/cli/job_options.h"
 
 #include "client/cli/file_format.h"
+#include "core/image_io/points_io.h"
+#include "core/image_io/read_image.h"
 #include "core/registration/options.h"
 #include "core/support/errors.h"
 
 #include <CLI/CLI.hpp>
 
+#include <stdlib.h>
+#include <unistd.h>
+
 #include <charconv>
 #include <cmath>
+#include <filesystem>
 #include <iomanip>
 #include <sstream>
 
@@ -92,6 +98,10 @@ void add_job_options(CLI::App& app, JobOptions& options) {
   app.add_option("--moving-points", options.moving_points, "Their counterparts, row by row")
       ->type_name("CSV")
       ->check(CLI::ExistingFile);
+  add_points_format_options(app, options.points_format);
+  app.add_option("--allow", options.allowed, "spacing, overlap or points: go on although the inputs look odd in this")
+      ->type_name("WHAT")
+      ->allow_extra_args(false);
   app.add_option("--format", options.format, "Of the images that are made: mha, nii.gz or nrrd")->capture_default_str();
   app.add_option("--threads", options.threads, "Threads of the solver; 0: as many as the server gives")
       ->type_name("N")
@@ -180,16 +190,58 @@ v1::RegistrationSpec make_spec(const JobOptions& options) {
   return spec;
 }
 
+namespace {
+
+/// A landmark file in the terms of the protocol, gone when the object goes.
+class ConvertedPoints {
+ public:
+  ConvertedPoints(const PointsFormat& format, const std::string& points, const std::string& image) {
+    std::string name = (std::filesystem::temp_directory_path() / "saltus-points-XXXXXX.csv").string();
+    const int descriptor = ::mkstemps(name.data(), 4);
+    if (descriptor < 0)
+      throw FileError("no temporary file can be made in " + std::filesystem::temp_directory_path().string());
+    ::close(descriptor);
+    file_ = name;
+    try {
+      if (image_dimension(image) == 2)
+        write_points(file_, read_points_as<2>(format, points, read_grid<2>(image)));
+      else
+        write_points(file_, read_points_as<3>(format, points, read_grid<3>(image)));
+    } catch (...) {
+      remove();
+      throw;
+    }
+  }
+  ~ConvertedPoints() { remove(); }
+  ConvertedPoints(const ConvertedPoints&) = delete;
+  ConvertedPoints& operator=(const ConvertedPoints&) = delete;
+
+  const std::filesystem::path& file() const { return file_; }
+
+ private:
+  void remove() const {
+    std::error_code gone_already;
+    std::filesystem::remove(file_, gone_already);
+  }
+  std::filesystem::path file_;
+};
+
+}  // namespace
+
 void upload_inputs(client::RegistrationClient& client, const JobOptions& options, v1::RegistrationSpec& spec) {
   const auto upload = [&client](const std::string& file, v1::InputFile* input) {
     *input = client.upload_file(file, input->format());
+  };
+  const auto upload_points = [&](const std::string& points, const std::string& image, v1::InputFile* input) {
+    if (options.points_format.is_default()) return upload(points, input);
+    upload(ConvertedPoints(options.points_format, points, image).file(), input);
   };
   upload(options.fixed, spec.mutable_fixed());
   upload(options.moving, spec.mutable_moving());
   if (spec.has_fixed_mask()) upload(options.fixed_mask, spec.mutable_fixed_mask());
   if (spec.has_moving_mask()) upload(options.moving_mask, spec.mutable_moving_mask());
-  if (spec.has_fixed_points()) upload(options.fixed_points, spec.mutable_fixed_points());
-  if (spec.has_moving_points()) upload(options.moving_points, spec.mutable_moving_points());
+  if (spec.has_fixed_points()) upload_points(options.fixed_points, options.fixed, spec.mutable_fixed_points());
+  if (spec.has_moving_points()) upload_points(options.moving_points, options.moving, spec.mutable_moving_points());
 }
 
 std::pair<double, double> parse_intensity_window(const std::string& text) {

@@ -1,5 +1,6 @@
 #pragma once
 
+#include "client/cli/points_format.h"
 #include "client/lib/registration_client.h"
 #include "core/registration/options.h"
 
@@ -20,6 +21,8 @@ struct JobOptions {
   std::string fixed, moving;
   std::string fixed_mask, moving_mask;      ///< "" for none
   std::string fixed_points, moving_points;  ///< "" for none
+  PointsFormat points_format;
+  std::vector<std::string> allowed;  ///< suspicions that are no reason to stop, see input_check.h
   std::string model = "sliding";
   std::string similarity = "lncc";
   std::string preset = "balanced";
@@ -47,7 +50,7 @@ RegistrationOptions chosen_options(const JobOptions& options);
 /// without reading an image is checked here. Throws InvalidInput that names the option.
 v1::RegistrationSpec make_spec(const JobOptions& options);
 
-/// Sends the input files and enters them in `spec`.
+/// Sends the input files and enters them in `spec`. Landmarks that are not world mm (LPS) are sent as such.
 void upload_inputs(client::RegistrationClient& client, const JobOptions& options, v1::RegistrationSpec& spec);
 
 /// "LO,HI" -> numbers, LO < HI. Throws InvalidInput.

@@ -32,6 +32,7 @@ struct PhantomCommandOptions {
   std::optional<std::uint64_t> seed;
   std::string out;
   std::string format = "mha";
+  bool as_json = false;
 };
 
 void refuse_unused(bool is_given, bool is_used, const std::string& option, const std::string& kind) {
@@ -130,7 +131,9 @@ nlohmann::json description(const PhantomOptions& options, const Phantom<Dim>& ph
 }
 
 template <int Dim>
-int write_phantom(const PhantomOptions& options, const fs::path& folder, const std::string& format) {
+int write_phantom(const PhantomOptions& options, const PhantomCommandOptions& given) {
+  const fs::path folder = given.out;
+  const std::string& format = given.format;
   const Phantom<Dim> phantom = make_phantom<Dim>(options);
   fs::create_directories(folder);
   auto file = [&](const std::string& name) { return folder / (name + "." + format); };
@@ -150,8 +153,11 @@ int write_phantom(const PhantomOptions& options, const fs::path& folder, const s
   json << description(options, phantom).dump(2) << '\n';
   json.close();
   if (!json) throw FileError((folder / "phantom.json").string() + " could not be written");
-  std::cout << to_string(options.kind) << ", motion up to " << phantom.largest_displacement_mm << " mm, "
-            << phantom.fixed_points.size() << " landmarks, written to " << folder.string() << std::endl;
+  if (given.as_json)
+    std::cout << description(options, phantom).dump(2) << std::endl;
+  else
+    std::cout << to_string(options.kind) << ", motion up to " << phantom.largest_displacement_mm << " mm, "
+              << phantom.fixed_points.size() << " landmarks, written to " << folder.string() << std::endl;
   return Done;
 }
 
@@ -159,8 +165,7 @@ int make(const PhantomCommandOptions& given) {
   if (given.format != "mha" && given.format != "nii.gz" && given.format != "nrrd")
     throw InvalidInput("--format is " + given.format + "; it must be mha, nii.gz or nrrd");
   const PhantomOptions options = phantom_options(given);
-  return options.dimension == 2 ? write_phantom<2>(options, given.out, given.format)
-                                : write_phantom<3>(options, given.out, given.format);
+  return options.dimension == 2 ? write_phantom<2>(options, given) : write_phantom<3>(options, given);
 }
 
 }  // namespace
@@ -185,6 +190,7 @@ void add_phantom_command(CLI::App& app, int& exit_code) {
   command->add_option("--noise", given->noise, "sd of the noise, as a share of the intensity range");
   command->add_option("--seed", given->seed, "Of texture, vessels, landmarks and noise (default 1)");
   command->add_option("--format", given->format, "mha, nii.gz or nrrd")->capture_default_str();
+  command->add_flag("--json", given->as_json, "Print what was made as JSON");
   command->footer(
       "Written: fixed, moving, truth (displacement on the fixed grid, mm, LPS), inverse_truth, mask_valid (where "
       "errors\n"

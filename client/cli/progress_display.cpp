@@ -94,11 +94,13 @@ std::string progress_bar(const v1::RegistrationJob& job, int columns) {
 void ProgressDisplay::show(const v1::RegistrationJob& job, std::chrono::steady_clock::time_point now) {
   if (style_ == DisplayStyle::Bar) {
     // One column is left free: a full last column would wrap on some terminals.
-    out_ << '\r' << progress_bar(job, terminal_columns() - 1) << "\x1b[K" << std::flush;
+    const int columns = terminal_columns() - 1;
+    const std::string lead = lead_.substr(0, static_cast<std::size_t>(columns / 2));
+    out_ << '\r' << lead << progress_bar(job, columns - static_cast<int>(lead.size())) << "\x1b[K" << std::flush;
     bar_is_open_ = true;
     return;
   }
-  const std::string line = progress_line(job);
+  const std::string line = lead_ + progress_line(job);
   std::ostringstream phase;
   phase << job.state() << ' ' << job.progress().stage() << ' ' << job.progress().level();
   if (line == last_line_ || (phase.str() == last_phase_ && now - last_time_ < std::chrono::seconds(1))) return;

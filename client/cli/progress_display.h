@@ -28,12 +28,15 @@ class ProgressDisplay {
 
   void show(const v1::RegistrationJob& job,
             std::chrono::steady_clock::time_point now = std::chrono::steady_clock::now());
+  /// Stands before what is shown from now on.
+  void lead(std::string text) { lead_ = std::move(text); }
   /// Ends the bar's line; nothing for plain lines.
   void finish();
 
  private:
   std::ostream& out_;
   DisplayStyle style_;
+  std::string lead_;
   bool bar_is_open_ = false;
   std::string last_phase_;
   std::string last_line_;

@@ -2,6 +2,7 @@
 
 #include "client/cli/command.h"
 #include "client/cli/connection.h"
+#include "client/cli/input_check.h"
 #include "client/cli/job_options.h"
 #include "client/cli/job_output.h"
 #include "client/cli/queue_options.h"
@@ -28,6 +29,7 @@ int submit(const SubmitOptions& options) {
     return Done;
   }
   v1::RegistrationSpec spec = make_spec(options.job);
+  check_inputs(options.job);
   v1::CreateRegistrationJobRequest request = make_request(options.queue, options.job);
   client::RegistrationClient client(call_settings(options.server));
   upload_inputs(client, options.job, spec);

@@ -3,6 +3,7 @@
 #include <CLI/CLI.hpp>
 #include <iostream>
 #include <memory>
+#include <nlohmann/json.hpp>
 #include <optional>
 
 #include "client/cli/command.h"
@@ -21,6 +22,7 @@ struct WarpCommandOptions {
   TransformOptions transform;
   std::string interpolation = "linear";
   std::optional<float> outside;
+  bool as_json = false;
 };
 
 template <int Dim>
@@ -28,7 +30,10 @@ int carry_image(const WarpCommandOptions& options, const std::filesystem::path& 
   const WarpOptions how{.interpolation = parse_interpolation(options.interpolation), .outside = options.outside};
   const Volume<Dim> image = read_volume<Dim>(options.transform.in);
   write_volume(options.transform.out, warp_image(image, read_displacement<Dim>(displacement), how));
-  std::cout << "written to " << options.transform.out << std::endl;
+  if (options.as_json)
+    std::cout << nlohmann::json{{"written", options.transform.out}}.dump(2) << std::endl;
+  else
+    std::cout << "written to " << options.transform.out << std::endl;
   return Done;
 }
 
@@ -54,6 +59,7 @@ void add_warp_command(CLI::App& app, int& exit_code) {
       ->capture_default_str();
   command->add_option("--outside", options->outside, "Value of points beyond the image; default: its border's value")
       ->type_name("VALUE");
+  command->add_flag("--json", options->as_json, "Print what was done as JSON");
   command->footer(
       "An image on the moving side comes to the fixed image's grid; with --inverse the other way round.\n"
       "Examples:\n"

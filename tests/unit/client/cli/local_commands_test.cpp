@@ -209,5 +209,53 @@ TEST_F(LocalCommands, DisplacementFilesAreFoundInEveryFormat) {
   EXPECT_EQ(displacement_file(folder_, TransformDirection::Inverse), folder_ / "inverse_displacement.nii.gz");
 }
 
+TEST_F(LocalCommands, CarriesLandmarksOfOtherAxesAndUnits) {
+  make_slip();
+  const auto points = read_points<2>(at("p/fixed_points.csv"));
+  ASSERT_EQ(run({"points", "--transform", at("t"), "--in", at("p/fixed_points.csv"), "--out", at("moved.csv")}), Done);
+  const auto expected = read_points<2>(at("moved.csv"));
+
+  // The phantom's grid begins at the origin, so RAS landmarks lie outside of it, and indices are its mm.
+  auto ras = points;
+  for (Vector<2>& point : ras) point = -point;
+  write_points(folder_ / "ras.csv", ras);
+  EXPECT_EQ(run({"points", "--transform", at("t"), "--in", at("ras.csv"), "--out", at("out.csv")}), Usage);
+  EXPECT_THAT(error_, HasSubstr("--points-space ras"));
+  EXPECT_FALSE(fs::exists(at("out.csv")));
+  ASSERT_EQ(run({"points", "--transform", at("t"), "--in", at("ras.csv"), "--points-space", "ras", "--out",
+                 at("out.csv"), "--json"}),
+            Done)
+      << error_;
+  EXPECT_EQ(nlohmann::json::parse(out_)["points"], points.size());
+  const auto moved = read_points<2>(at("out.csv"));
+  for (std::size_t i = 0; i < points.size(); ++i) EXPECT_LT((moved[i] + expected[i]).norm(), 1e-9);
+
+  ASSERT_EQ(run({"points", "--transform", at("t"), "--in", at("p/fixed_points.csv"), "--points-unit", "voxel", "--out",
+                 at("out.csv")}),
+            Done)
+      << error_;
+  EXPECT_EQ(
+      run({"evaluate", "--transform", at("t"), "--fixed-points", at("ras.csv"), "--moving-points", at("ras.csv")}),
+      Usage);
+  EXPECT_THAT(error_, HasSubstr("--points-space ras"));
+}
+
+TEST_F(LocalCommands, SaysThatPointsSeemToGoTheOtherWay) {
+  make_slip();
+  // The moving image lies elsewhere, and the landmarks in it.
+  auto inverse = read_vector_volume<2>(at("t/inverse_displacement.mha"));
+  inverse.grid.origin = {500, 500};
+  write_vector_volume(at("t/inverse_displacement.mha"), inverse);
+  write_points<2>(folder_ / "moving.csv", {{510, 510}, {520, 515}});
+  EXPECT_EQ(run({"points", "--transform", at("t"), "--in", at("moving.csv"), "--out", at("out.csv")}), Usage);
+  EXPECT_THAT(error_, HasSubstr("add --inverse"));
+  EXPECT_EQ(run({"points", "--transform", at("t"), "--in", at("moving.csv"), "--out", at("out.csv"), "--inverse"}),
+            Done)
+      << error_;
+  EXPECT_EQ(run({"points", "--transform", at("t"), "--in", at("moving.csv"), "--out", at("o.csv"), "--allow-outside"}),
+            Done)
+      << error_;
+}
+
 }  // namespace
 }  // namespace saltus::cli

@@ -1,0 +1,161 @@
+#include "client/cli/input_check.h"
+
+#include "core/image_io/points_io.h"
+#include "core/image_io/read_image.h"
+#include "core/support/errors.h"
+
+#include <algorithm>
+#include <cmath>
+#include <sstream>
+
+namespace saltus::cli {
+namespace {
+
+constexpr double much_larger = 10;
+constexpr double little_overlap = 0.05;
+constexpr double most_of_them = 0.9;
+
+template <int Dim>
+std::string spacing_text(const ImageGrid<Dim>& grid) {
+  std::ostringstream text;
+  for (int axis = 0; axis < Dim; ++axis) text << (axis ? " x " : "") << grid.spacing[axis];
+  return text.str() + " mm";
+}
+
+/// World box around a grid: "x from -10 to 250, y from ... mm".
+template <int Dim>
+std::string box_text(const ImageGrid<Dim>& grid) {
+  Vector<Dim> low = Vector<Dim>::Constant(HUGE_VAL), high = -low;
+  for (int corner = 0; corner < (1 << Dim); ++corner) {
+    Vector<Dim> index;
+    for (int axis = 0; axis < Dim; ++axis) index[axis] = (corner >> axis & 1) ? grid.size[axis] - 1 : 0;
+    const Vector<Dim> world = grid.to_world(index);
+    low = low.cwiseMin(world);
+    high = high.cwiseMax(world);
+  }
+  std::ostringstream text;
+  text.precision(4);
+  for (int axis = 0; axis < Dim; ++axis)
+    text << (axis ? ", " : "") << "xyz"[axis] << " from " << low[axis] << " to " << high[axis];
+  return text.str() + " mm";
+}
+
+template <int Dim>
+bool is_inside(const Vector<Dim>& index, const ImageGrid<Dim>& grid) {
+  for (int axis = 0; axis < Dim; ++axis)
+    if (!(index[axis] >= -1 && index[axis] <= grid.size[axis])) return false;
+  return true;
+}
+
+template <int Dim>
+double share_inside(const std::vector<Vector<Dim>>& points, const ImageGrid<Dim>& grid) {
+  std::size_t inside = 0;
+  for (const Vector<Dim>& point : points) inside += is_inside<Dim>(grid.to_index(point), grid);
+  return static_cast<double>(inside) / static_cast<double>(points.size());
+}
+
+template <int Dim>
+std::vector<Vector<Dim>> with_other_axes(std::vector<Vector<Dim>> points) {
+  for (Vector<Dim>& point : points) point.template head<2>() *= -1;
+  return points;
+}
+
+/// Evenly spread over a grid.
+template <int Dim>
+std::vector<Vector<Dim>> places_in(const ImageGrid<Dim>& grid) {
+  constexpr int along = 12;
+  std::vector<Vector<Dim>> places;
+  for (int number = 0; number < std::pow(along, Dim); ++number) {
+    Vector<Dim> index;
+    int rest = number;
+    for (int axis = 0; axis < Dim; ++axis, rest /= along)
+      index[axis] = (rest % along + 0.5) / along * grid.size[axis] - 0.5;
+    places.push_back(grid.to_world(index));
+  }
+  return places;
+}
+
+template <int Dim>
+void check(const JobOptions& options) {
+  const auto is_allowed = [&](const std::string& name) {
+    return std::find(options.allowed.begin(), options.allowed.end(), name) != options.allowed.end();
+  };
+  const auto refuse = [&](const std::string& name, const std::string& suspicion) {
+    if (!suspicion.empty() && !is_allowed(name))
+      throw InvalidInput(suspicion + " If it is meant so, add --allow " + name + ".");
+  };
+  const ImageGrid<Dim> fixed = read_grid<Dim>(options.fixed), moving = read_grid<Dim>(options.moving);
+  refuse("spacing", spacing_suspicion(fixed, moving));
+  // An affine start begins with centre on centre, wherever the images are.
+  if (options.affine == "none") refuse("overlap", overlap_suspicion(fixed, moving));
+  if (options.fixed_points.empty()) return;
+  const std::string swapped = "the two landmark files seem to be swapped: exchange --fixed-points and --moving-points";
+  const PointsPlace<Dim> places[] = {{"--fixed-points", "fixed image", fixed, moving, swapped},
+                                     {"--moving-points", "moving image", moving, fixed, swapped}};
+  const std::string* const files[] = {&options.fixed_points, &options.moving_points};
+  for (int i = 0; i < 2; ++i)
+    refuse("points",
+           points_suspicion(read_points_as<Dim>(options.points_format, *files[i], places[i].grid), places[i]));
+}
+
+}  // namespace
+
+template <int Dim>
+std::string spacing_suspicion(const ImageGrid<Dim>& fixed, const ImageGrid<Dim>& moving) {
+  const double ratio = std::pow(fixed.spacing.prod() / moving.spacing.prod(), 1.0 / Dim);
+  if (std::max(ratio, 1 / ratio) < much_larger * (1 - 1e-9)) return "";
+  return "The voxels of the fixed image are " + spacing_text(fixed) + " and those of the moving image " +
+         spacing_text(moving) +
+         ", more than ten times apart; is the spacing of one of them in cm, in m or not set? Correct its header.";
+}
+
+template <int Dim>
+std::string overlap_suspicion(const ImageGrid<Dim>& fixed, const ImageGrid<Dim>& moving) {
+  const auto places = places_in(fixed);
+  if (share_inside(places, moving) >= little_overlap) return "";
+  std::string text = "The images hardly lie in the same place: the fixed image spans " + box_text(fixed) +
+                     ", the moving image " + box_text(moving) + ".";
+  if (share_inside(with_other_axes(places), moving) >= 0.5)
+    text += " With x and y of one of them negated they would: its header seems to mean RAS where LPS is written.";
+  return text + " --affine rigid starts with the centre of one on the centre of the other.";
+}
+
+template <int Dim>
+std::string points_suspicion(const std::vector<Vector<Dim>>& points, const PointsPlace<Dim>& place) {
+  if (share_inside(points, place.grid) >= 0.5) return "";
+  const auto inside = std::lround(share_inside(points, place.grid) * static_cast<double>(points.size()));
+  std::string text = place.option + " has " + std::to_string(points.size()) + " points, of which " +
+                     std::to_string(inside) + " lie in the " + place.image + "; ";
+  std::vector<Vector<Dim>> as_indices;
+  for (const Vector<Dim>& point : points) as_indices.push_back(place.grid.to_world(point));
+  if (share_inside(with_other_axes(points), place.grid) >= most_of_them)
+    return text + "with x and y negated they do, so they seem to be RAS: add --points-space ras.";
+  if (place.other && share_inside(points, *place.other) >= most_of_them) return text + place.other_way + ".";
+  if (share_inside(as_indices, place.grid) >= most_of_them)
+    return text + "taken as voxel indices they do: add --points-unit voxel.";
+  return text + "they must be world mm (LPS) of that image, which spans " + box_text(place.grid) + ".";
+}
+
+void check_inputs(const JobOptions& options) {
+  for (const std::string& name : options.allowed)
+    if (name != "spacing" && name != "overlap" && name != "points")
+      throw InvalidInput("--allow is " + name + "; it must be spacing, overlap or points");
+  require_valid(options.points_format);
+  try {
+    const int fixed = image_dimension(options.fixed), moving = image_dimension(options.moving);
+    if (fixed == moving) fixed == 2 ? check<2>(options) : check<3>(options);
+  } catch (const FileError&) {
+    // What cannot be read is refused by the worker, which reads everything and has a reason for each case. So are
+    // images of different dimensions.
+  }
+}
+
+#define SALTUS_INPUT_CHECK(DIM)                                                         \
+  template std::string spacing_suspicion(const ImageGrid<DIM>&, const ImageGrid<DIM>&); \
+  template std::string overlap_suspicion(const ImageGrid<DIM>&, const ImageGrid<DIM>&); \
+  template std::string points_suspicion(const std::vector<Vector<DIM>>&, const PointsPlace<DIM>&);
+SALTUS_INPUT_CHECK(2)
+SALTUS_INPUT_CHECK(3)
+#undef SALTUS_INPUT_CHECK
+
+}  // namespace saltus::cli

@@ -1,0 +1,42 @@
+#pragma once
+
+#include "client/cli/job_options.h"
+#include "core/grid/image_grid.h"
+
+#include <optional>
+#include <string>
+#include <vector>
+
+namespace saltus::cli {
+
+/// Inputs that can be used but are most likely not what was meant. Each function returns "" or one sentence that says
+/// what is odd and what to do about it.
+
+/// Voxels ten times as large, on average over the axes, as those of the other image.
+template <int Dim>
+std::string spacing_suspicion(const ImageGrid<Dim>& fixed, const ImageGrid<Dim>& moving);
+
+/// Less than a twentieth of the fixed image lies where the moving image is, both as their headers place them.
+template <int Dim>
+std::string overlap_suspicion(const ImageGrid<Dim>& fixed, const ImageGrid<Dim>& moving);
+
+/// An image as landmarks see it.
+template <int Dim>
+struct PointsPlace {
+  std::string option;                        ///< that the points came by: "--fixed-points"
+  std::string image;                         ///< what they should lie in: "fixed image"
+  ImageGrid<Dim> grid;                       ///< of that image
+  std::optional<ImageGrid<Dim>> other = {};  ///< where they would lie if they were taken the wrong way round
+  std::string other_way = {};                ///< what to do then
+};
+
+/// More than half of the points, world mm (LPS), lie outside of their image. Tries whether they would lie in it as RAS
+/// or as voxel indices, or in the other image, and names the option for it.
+template <int Dim>
+std::string points_suspicion(const std::vector<Vector<Dim>>& points, const PointsPlace<Dim>& place);
+
+/// All of these for a job, from headers and landmarks alone. Throws InvalidInput with the first that `options.allowed`
+/// does not name. Files that cannot be read are left to the worker.
+void check_inputs(const JobOptions& options);
+
+}  // namespace saltus::cli

@@ -1,0 +1,342 @@
+#include "client/cli/register_pairs.h"
+
+#include "client/cli/command.h"
+#include "client/cli/input_check.h"
+#include "client/cli/job_output.h"
+#include "client/cli/progress_display.h"
+#include "client/cli/registrar.h"
+#include "client/cli/report_summary.h"
+#include "client/cli/run_job.h"
+#include "client/lib/checksum.h"
+#include "client/lib/client_error.h"
+#include "core/image_io/temporary_file.h"
+#include "core/support/errors.h"
+
+#include <nlohmann/json.hpp>
+
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+#include <fstream>
+#include <iostream>
+#include <optional>
+#include <set>
+#include <sstream>
+
+namespace saltus::cli {
+namespace {
+
+namespace fs = std::filesystem;
+
+/// What a finished pair leaves beside its results, last of all.
+constexpr const char* done_file = "pair.json";
+
+/// One row of CSV after the other; a quoted field may hold commas, quotes (doubled) and ends of lines.
+class CsvReader {
+ public:
+  explicit CsvReader(const fs::path& file) : name_("--pairs " + file.string()) {
+    std::ifstream in(file, std::ios::binary);
+    std::ostringstream all;
+    if (in) all << in.rdbuf();
+    if (!in) throw InvalidInput(name_ + " cannot be read");
+    text_ = all.str();
+    if (text_.starts_with("\xEF\xBB\xBF")) at_ = 3;
+  }
+
+  /// The next row that is not empty; nothing at the end.
+  std::optional<std::vector<std::string>> next() {
+    while (at_ < text_.size()) {
+      line_ = next_line_;
+      std::vector<std::string> row = read_row();
+      if (row.size() > 1 || !row.front().empty()) return row;
+    }
+    return std::nullopt;
+  }
+
+  [[noreturn]] void refuse(const std::string& reason) const {
+    throw InvalidInput(name_ + ": line " + std::to_string(line_) + " " + reason);
+  }
+
+ private:
+  std::vector<std::string> read_row() {
+    std::vector<std::string> row(1);
+    bool is_quoted = false;
+    while (at_ < text_.size()) {
+      const char letter = text_[at_++];
+      next_line_ += letter == '\n';
+      if (is_quoted) {
+        if (letter != '"')
+          row.back() += letter;
+        else if (at_ < text_.size() && text_[at_] == '"')
+          row.back() += text_[at_++];
+        else
+          is_quoted = false;
+      } else if (letter == '"') {
+        is_quoted = true;
+      } else if (letter == ',') {
+        row.emplace_back();
+      } else if (letter == '\n') {
+        break;
+      } else if (letter != '\r') {
+        row.back() += letter;
+      }
+    }
+    if (is_quoted) refuse("opens a quote that nothing closes");
+    return row;
+  }
+
+  std::string name_, text_;
+  std::size_t at_ = 0;
+  int line_ = 1, next_line_ = 1;
+};
+
+struct Column {
+  const char* name;
+  std::string JobOptions::*file;  ///< null: the pair's name
+};
+constexpr Column columns[] = {{"name", nullptr},
+                              {"fixed", &JobOptions::fixed},
+                              {"moving", &JobOptions::moving},
+                              {"fixed_mask", &JobOptions::fixed_mask},
+                              {"moving_mask", &JobOptions::moving_mask},
+                              {"fixed_points", &JobOptions::fixed_points},
+                              {"moving_points", &JobOptions::moving_points}};
+
+std::vector<const Column*> read_header(CsvReader& reader, const JobOptions& common) {
+  const auto header = reader.next();
+  if (!header) reader.refuse("is the end; there must be a header with the columns fixed and moving");
+  std::vector<const Column*> found;
+  for (const std::string& name : *header) {
+    const auto* column =
+        std::find_if(std::begin(columns), std::end(columns), [&name](const Column& one) { return name == one.name; });
+    if (column == std::end(columns))
+      reader.refuse("has the column '" + name +
+                    "'; there are name, fixed, moving, fixed_mask, moving_mask, fixed_points and moving_points");
+    if (std::find(found.begin(), found.end(), column) != found.end())
+      reader.refuse("has the column " + name + " twice");
+    if (column->file && !(common.*column->file).empty())
+      reader.refuse("has the column " + name + ", which an option gives too; leave one of them out");
+    found.push_back(column);
+  }
+  for (const char* needed : {"fixed", "moving"})
+    if (std::none_of(found.begin(), found.end(), [&](const Column* one) { return one->name == std::string(needed); }))
+      reader.refuse(std::string("has no column ") + needed);
+  return found;
+}
+
+/// The options and inputs that decide about a result, as a hash. Threads do not.
+std::string fingerprint(const JobOptions& job) {
+  nlohmann::json all{job.model,
+                     job.similarity,
+                     job.preset,
+                     job.affine,
+                     job.intensity_window,
+                     job.crop,
+                     job.format,
+                     job.settings,
+                     job.points_format.space,
+                     job.points_format.unit};
+  for (const Column& column : columns) {
+    if (!column.file) continue;
+    const std::string& file = job.*column.file;
+    all.push_back(file.empty() ? "" : client::digest_of_file(file).digest);
+  }
+  client::Sha256 hash;
+  hash.add(all.dump());
+  return hash.digest();
+}
+
+bool is_done(const Pair& pair, const fs::path& folder) {
+  const fs::path file = folder / done_file;
+  if (!fs::exists(file)) return false;
+  const nlohmann::json done = read_report(file);
+  if (done.value("request", "") == fingerprint(pair.job)) return true;
+  throw InvalidInput(folder.string() +
+                     " holds the result of other files or options; name another --out, or remove that folder to have "
+                     "the pair done again");
+}
+
+void write_done(const Pair& pair, const fs::path& folder) {
+  const fs::path file = folder / done_file;
+  TemporaryFile temporary(file);
+  std::ofstream out(temporary.path());
+  out << nlohmann::json{{"request", fingerprint(pair.job)}}.dump() << '\n';
+  out.close();
+  if (!out) throw FileError(file.string() + " cannot be written");
+  temporary.take_place();
+}
+
+struct Outcome {
+  const Pair* pair;
+  std::string state;  ///< "done", "failed" or "" while nothing is known
+  std::string why;
+};
+
+std::string quoted(const std::string& text) {
+  if (text.find_first_of(",\"\n") == std::string::npos) return text;
+  std::string safe = "\"";
+  for (char letter : text) safe += letter == '"' ? std::string("\"\"") : std::string(1, letter);
+  return safe + '"';
+}
+
+std::string number_at(const nlohmann::json& report, const char* path) {
+  const nlohmann::json::json_pointer pointer(path);
+  return report.contains(pointer) && report.at(pointer).is_number() ? report.at(pointer).dump() : "";
+}
+
+void write_summary(const std::vector<Outcome>& outcomes, const fs::path& folder) {
+  std::ostringstream text;
+  text << "name,state,landmarks_before_mm,landmarks_after_mm,similarity_before,similarity_after,jacobian_min,"
+          "share_folded,cpu_seconds,reason\n";
+  for (const Outcome& outcome : outcomes) {
+    if (outcome.state.empty()) continue;
+    const nlohmann::json report =
+        outcome.state == "done" ? read_report(folder / outcome.pair->name / "report.json") : nlohmann::json();
+    text << quoted(outcome.pair->name) << ',' << outcome.state;
+    for (const char* path :
+         {"/landmark_error_mm/before/mean", "/landmark_error_mm/after/mean", "/similarity_value/before",
+          "/similarity_value/after", "/jacobian/min", "/jacobian/share_not_positive", "/seconds/cpu"})
+      text << ',' << number_at(report, path);
+    text << ',' << quoted(outcome.why) << '\n';
+  }
+  const fs::path file = folder / "summary.csv";
+  TemporaryFile temporary(file);
+  std::ofstream out(temporary.path(), std::ios::binary);
+  out << text.str();
+  out.close();
+  if (!out) throw FileError(file.string() + " cannot be written");
+  temporary.take_place();
+}
+
+}  // namespace
+
+std::vector<Pair> read_pairs(const fs::path& file, const JobOptions& common) {
+  CsvReader reader(file);
+  const std::vector<const Column*> header = read_header(reader, common);
+  std::vector<Pair> pairs;
+  std::set<std::string> names;
+  while (const auto row = reader.next()) {
+    if (row->size() != header.size())
+      reader.refuse("has " + std::to_string(row->size()) + " fields; the header has " + std::to_string(header.size()));
+    Pair pair{"pair_" + std::to_string(pairs.size() + 1), common};
+    for (std::size_t i = 0; i < header.size(); ++i) {
+      const std::string& field = (*row)[i];
+      if (field.empty()) continue;
+      if (!header[i]->file) {
+        pair.name = field;
+        continue;
+      }
+      const fs::path path = file.parent_path() / field;
+      if (!fs::exists(path)) reader.refuse("names " + path.string() + ", which is not there");
+      pair.job.*header[i]->file = path.string();
+    }
+    if (pair.job.fixed.empty()) reader.refuse("names no fixed image");
+    if (pair.job.moving.empty()) reader.refuse("names no moving image");
+    const fs::path folder = pair.name;
+    if (folder != folder.filename() || pair.name == "." || pair.name == "..")
+      reader.refuse("has the name '" + pair.name + "', which cannot be a folder's");
+    if (!names.insert(pair.name).second) reader.refuse("has the name " + pair.name + ", as one before it");
+    pairs.push_back(std::move(pair));
+  }
+  if (pairs.empty()) reader.refuse("is the end; there is no pair below the header");
+  return pairs;
+}
+
+std::string list_progress(std::size_t number, std::size_t count, double fraction, double seconds_left,
+                          double seconds_a_pair) {
+  std::ostringstream text;
+  text << "pair " << number << " of " << count << ", "
+       << std::lround(100 * (static_cast<double>(number - 1) + std::clamp(fraction, 0.0, 1.0)) /
+                      static_cast<double>(count))
+       << " % of all";
+  if (seconds_a_pair >= 0) {
+    const double this_one = seconds_left >= 0 ? seconds_left : seconds_a_pair * (1 - std::clamp(fraction, 0.0, 1.0));
+    text << ", " << format_seconds(this_one + seconds_a_pair * static_cast<double>(count - number)) << " left in all";
+  }
+  return text.str();
+}
+
+int register_pairs(const PairsRequest& request) {
+  const std::vector<Pair> pairs = read_pairs(request.pairs, request.job);
+  // A night's work is not begun when one of its pairs cannot be done.
+  for (const Pair& pair : pairs) {
+    try {
+      make_spec(pair.job);
+      check_inputs(pair.job);
+    } catch (const InvalidInput& error) {
+      throw InvalidInput(pair.name + ": " + error.what());
+    }
+  }
+  const ResultFolder folder(request.out);
+  std::vector<Outcome> outcomes;
+  std::size_t done_before = 0, failed = 0;
+  for (const Pair& pair : pairs) {
+    const bool is_there = is_done(pair, request.out / pair.name);
+    done_before += is_there;
+    outcomes.push_back({&pair, is_there ? "done" : "", ""});
+  }
+  if (done_before > 0) std::cerr << done_before << " of " << pairs.size() << " pairs are done already" << std::endl;
+
+  std::optional<Registrar> registrar;
+  double seconds = 0;
+  std::size_t done_now = 0;
+  try {
+    for (std::size_t i = 0; i < pairs.size(); ++i) {
+      Outcome& outcome = outcomes[i];
+      if (outcome.state == "done") continue;
+      if (!registrar) registrar.emplace(request.server);
+      const fs::path out = request.out / pairs[i].name;
+      const ResultFolder result_folder(out);
+      const auto begin = std::chrono::steady_clock::now();
+      v1::RegistrationJob job;
+      {
+        ProgressDisplay display(std::cerr, display_style_of_stderr());
+        job = registrar->run(pairs[i].job, make_spec(pairs[i].job), out, [&](const v1::RegistrationJob& now) {
+          display.lead(list_progress(i + 1, pairs.size(), now.progress().fraction(),
+                                     now.state() == v1::JOB_STATE_RUNNING ? now.progress().seconds_left() : -1,
+                                     done_now > 0 ? seconds / static_cast<double>(done_now) : -1) +
+                       "; " + pairs[i].name + ": ");
+          display.show(now);
+        });
+      }
+      if (const int code = exit_code_of(job); code == Cancelled) {
+        write_summary(outcomes, request.out);
+        return Cancelled;
+      } else if (code == Done) {
+        write_done(pairs[i], out);
+        outcome.state = "done";
+      } else {
+        outcome.state = "failed";
+        outcome.why = job.failure().reason() + ": " + job.failure().message();
+        ++failed;
+      }
+      seconds += std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
+      ++done_now;
+      write_summary(outcomes, request.out);
+    }
+  } catch (const client::ClientError& error) {
+    write_summary(outcomes, request.out);
+    if (!registrar || !registrar->is_interrupted() || error.code() != grpc::StatusCode::CANCELLED) throw;
+    std::cerr << "saltus: interrupted; the same command goes on with the pairs that are left" << std::endl;
+    return Cancelled;
+  }
+  write_summary(outcomes, request.out);
+  if (request.as_json) {
+    nlohmann::json list = nlohmann::json::array();
+    for (const Outcome& outcome : outcomes) {
+      nlohmann::json one{{"name", outcome.pair->name}, {"state", outcome.state}};
+      if (outcome.state == "done") one["report"] = read_report(request.out / outcome.pair->name / "report.json");
+      if (!outcome.why.empty()) one["reason"] = outcome.why;
+      list.push_back(one);
+    }
+    std::cout << list.dump(2) << std::endl;
+  } else {
+    std::cout << pairs.size() - failed << " of " << pairs.size() << " pairs done, written to " << request.out.string()
+              << "; summary.csv there has a line for each" << std::endl;
+  }
+  if (failed == 0) return Done;
+  std::cerr << "saltus: " << failed << " of " << pairs.size() << " pairs failed; summary.csv says why" << std::endl;
+  return JobFailed;
+}
+
+}  // namespace saltus::cli

@@ -1,0 +1,44 @@
+#pragma once
+
+#include "client/cli/connection.h"
+#include "client/cli/job_options.h"
+
+#include <filesystem>
+#include <string>
+#include <vector>
+
+namespace saltus::cli {
+
+/// One line of a list: its files, and the name of its folder.
+struct Pair {
+  std::string name;
+  JobOptions job;  ///< the common options with this pair's files
+};
+
+/// Reads a list of pairs: CSV with a header that has `fixed` and `moving` and may have `name`, `fixed_mask`,
+/// `moving_mask`, `fixed_points` and `moving_points`, in any order; quotes as in RFC 4180; paths from the list's
+/// folder; an empty field is none; a pair without a name is called pair_1, pair_2, ... by its row. Throws InvalidInput
+/// that names the line for what cannot be meant: unknown or missing columns, a file that is not there, a name twice or
+/// one that is no folder's name, and files given by `common` and by the list.
+std::vector<Pair> read_pairs(const std::filesystem::path& file, const JobOptions& common);
+
+struct PairsRequest {
+  JobOptions job;
+  ServerChoice server;
+  std::string pairs;
+  std::filesystem::path out;
+  bool as_json = false;
+};
+
+/// Registers them one after the other, each into a folder of its name below `out`. A pair that is done, from the same
+/// files with the same options, is not done again; one that was done otherwise is refused before anything is begun. A
+/// pair that fails does not stop the others. Writes `out`/summary.csv, a line a pair, after each. The exit code: Done
+/// when all pairs are done, Cancelled when interrupted, else JobFailed.
+int register_pairs(const PairsRequest& request);
+
+/// "pair 3 of 12, 45 %, 7:30 min left in all": how far a list is. `seconds_left` of the pair that runs and
+/// `seconds_a_pair`, the mean of those done by now, are negative while unknown.
+std::string list_progress(std::size_t number, std::size_t count, double fraction, double seconds_left,
+                          double seconds_a_pair);
+
+}  // namespace saltus::cli

@@ -1,0 +1,88 @@
+// Lists of pairs, with the programs as a user has them.
+#include "tests/end_to_end/end_to_end.h"
+
+#include <csignal>
+
+namespace saltus {
+namespace {
+
+using nlohmann::json;
+using testing::HasSubstr;
+using testing_support::blob_scene;
+using testing_support::ChildProcess;
+using testing_support::content_of;
+using testing_support::EndToEnd;
+using testing_support::Outcome;
+
+class ListOfPairs : public EndToEnd {
+ protected:
+  void SetUp() override {
+    EndToEnd::SetUp();
+    folder.write("pairs.csv", "name,fixed,moving\none,fixed.mha,moving.mha\ntwo,moving.mha,fixed.mha\n");
+  }
+  std::vector<std::string> list(const std::vector<std::string>& more = of_a_moment()) const {
+    std::vector<std::string> command{"register", "--pairs", folder / "pairs.csv", "--out", folder / "out",
+                                     "--format", "mha",     "--preset",           "fast",  "--threads",
+                                     "1"};
+    command.insert(command.end(), more.begin(), more.end());
+    return command;
+  }
+};
+
+TEST_F(ListOfPairs, IsRegisteredOneAfterTheOtherAndNotTwice) {
+  const Outcome first = run(list());
+  ASSERT_EQ(first.exit_code, 0) << first.err;
+  EXPECT_THAT(first.err, HasSubstr("pair 2 of 2"));
+  EXPECT_THAT(first.out, HasSubstr("2 of 2 pairs done"));
+  expect_shift(folder / "out" / "one" / "displacement.mha");
+  const std::string summary = content_of(folder / "out" / "summary.csv");
+  EXPECT_THAT(summary, HasSubstr("\none,done,"));
+  EXPECT_THAT(summary, HasSubstr("\ntwo,done,"));
+  EXPECT_TRUE(std::filesystem::is_empty(folder / "tmp"));
+
+  const auto made = std::filesystem::last_write_time(folder / "out" / "one" / "displacement.mha");
+  const Outcome again = run(list());
+  EXPECT_EQ(again.exit_code, 0) << again.err;
+  EXPECT_THAT(again.err, HasSubstr("2 of 2 pairs are done already"));
+  EXPECT_EQ(std::filesystem::last_write_time(folder / "out" / "one" / "displacement.mha"), made);
+
+  // Another result must not take the place of the first by mistake.
+  auto other = of_a_moment();
+  other.insert(other.end(), {"--set", "time_steps=5"});
+  const Outcome refused = run(list(other));
+  EXPECT_EQ(refused.exit_code, 2);
+  EXPECT_THAT(refused.err, HasSubstr("the result of other files or options"));
+}
+
+TEST_F(ListOfPairs, GoesOnAfterAnInterruption) {
+  ChildProcess child = start(list(of_some_seconds()));
+  child.wait_for_output("pair 2 of 2");
+  child.signal(SIGINT);
+  EXPECT_EQ(child.wait(), 4) << child.err();
+  EXPECT_TRUE(std::filesystem::exists(folder / "out" / "one" / "report.json"));
+  EXPECT_FALSE(std::filesystem::exists(folder / "out" / "two"));
+  EXPECT_TRUE(std::filesystem::is_empty(folder / "tmp"));
+
+  const Outcome rest = run(list(of_some_seconds()));
+  EXPECT_EQ(rest.exit_code, 0) << rest.err;
+  EXPECT_THAT(rest.err, HasSubstr("1 of 2 pairs are done already"));
+  EXPECT_TRUE(std::filesystem::exists(folder / "out" / "two" / "report.json"));
+}
+
+TEST_F(ListOfPairs, DoesTheOthersWhenOneFails) {
+  write_volume(folder / "mask.mha", blob_scene(20, 0));
+  folder.write("pairs.csv",
+               "name,fixed,moving,fixed_mask\nbad,fixed.mha,moving.mha,mask.mha\ngood,fixed.mha,moving.mha,\n");
+  auto command = list();
+  command.push_back("--json");
+  const Outcome outcome = run(command);
+  EXPECT_EQ(outcome.exit_code, 1);
+  const json answer = json::parse(outcome.out);
+  EXPECT_EQ(answer[0]["state"], "failed");
+  EXPECT_THAT(answer[0]["reason"].get<std::string>(), HasSubstr("GEOMETRY_MISMATCH"));
+  EXPECT_EQ(answer[1]["state"], "done");
+  EXPECT_THAT(outcome.err, HasSubstr("1 of 2 pairs failed"));
+}
+
+}  // namespace
+}  // namespace saltus
