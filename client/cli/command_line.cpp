@@ -2,15 +2,18 @@
 
 #include "client/cli/cancel_command.h"
 #include "client/cli/command.h"
+#include "client/cli/command_tree.h"
 #include "client/cli/delete_command.h"
 #include "client/cli/evaluate_command.h"
 #include "client/cli/fetch_command.h"
 #include "client/cli/get_command.h"
 #include "client/cli/list_command.h"
+#include "client/cli/manual_page.h"
 #include "client/cli/phantom_command.h"
 #include "client/cli/points_command.h"
 #include "client/cli/register_command.h"
 #include "client/cli/server_command.h"
+#include "client/cli/shell_completion.h"
 #include "client/cli/submit_command.h"
 #include "client/cli/warp_command.h"
 #include "client/cli/watch_command.h"
@@ -19,6 +22,8 @@
 
 #include <CLI/CLI.hpp>
 
+#include <cstdlib>
+#include <filesystem>
 #include <iostream>
 
 namespace saltus::cli {
@@ -43,6 +48,20 @@ ExitCode exit_code_of(const client::ClientError& error) {
   }
 }
 
+/// Options from a file and from the environment, for what the command line leaves open.
+void use_settings(CLI::App& app, int argument_count, const char* const* arguments) {
+  const char* const file = std::getenv("SALTUS_CONFIG");
+  if (file && *file && !std::filesystem::exists(file))
+    throw InvalidInput(std::string("SALTUS_CONFIG is ") + file + ", which is not there");
+  app.set_config("--config", file ? file : "",
+                 "File with a section for each command and its options, such as\n"
+                 "[register] and model = \"gaussian\"; $SALTUS_CONFIG stands in for it")
+      ->type_name("FILE");
+  app.allow_config_extras(CLI::config_extras_mode::error);
+  for (CLI::App* command : app.get_subcommands({})) command->fallthrough();
+  take_options_from_environment(app, argument_count, arguments);
+}
+
 }  // namespace
 
 int run_command_line(int argument_count, const char* const* arguments) {
@@ -63,8 +82,17 @@ int run_command_line(int argument_count, const char* const* arguments) {
   add_evaluate_command(app, exit_code);
   add_phantom_command(app, exit_code);
   add_server_command(app, exit_code);
-  app.footer("Exit codes: 0 done, 1 failed, 2 usage, 3 server not reachable, 4 cancelled.");
+  add_completion_command(app, exit_code);
+  add_manual_command(app, exit_code);
+  app.footer(
+      "Options can also stand in a file (--config) and in the environment (SALTUS_MODEL for --model).\n"
+      "Exit codes: 0 done, 1 failed, 2 usage, 3 server not reachable, 4 cancelled.\n"
+      "Examples:\n"
+      "  saltus phantom slip --angle 30 --out scene\n"
+      "  saltus register --fixed scene/fixed.mha --moving scene/moving.mha --out result\n"
+      "  saltus evaluate --transform result --truth scene/truth.mha --mask scene/mask_valid.mha");
   try {
+    use_settings(app, argument_count, arguments);
     app.parse(argument_count, arguments);
     return exit_code;
   } catch (const CLI::ParseError& error) {

@@ -1,0 +1,158 @@
+// Options that come from a file or the environment, and what shells and manuals are told about options.
+#include "client/cli/command.h"
+#include "client/cli/command_line.h"
+#include "tests/support/child_process.h"
+#include "tests/support/temporary_folder.h"
+
+#include <gmock/gmock.h>
+
+#include <cstdlib>
+#include <filesystem>
+#include <map>
+#include <sstream>
+
+namespace saltus::cli {
+namespace {
+
+using testing::AllOf;
+using testing::HasSubstr;
+using testing::Not;
+using testing_support::ChildProcess;
+
+struct Outcome {
+  int exit_code;
+  std::string out, err;
+};
+
+class Settings : public testing::Test {
+ protected:
+  ~Settings() override {
+    for (const std::string& name : set_) unsetenv(name.c_str());
+  }
+  void set(const std::string& name, const std::string& value) {
+    setenv(name.c_str(), value.c_str(), 1);
+    set_.push_back(name);
+  }
+  Outcome run(std::vector<std::string> words) {
+    words.insert(words.begin(), "saltus");
+    std::vector<const char*> arguments;
+    for (const std::string& word : words) arguments.push_back(word.c_str());
+    testing::internal::CaptureStdout();
+    testing::internal::CaptureStderr();
+    const int exit_code = run_command_line(static_cast<int>(arguments.size()), arguments.data());
+    return {exit_code, testing::internal::GetCapturedStdout(), testing::internal::GetCapturedStderr()};
+  }
+  /// Of the parameters that --set help lists, which depend on model, similarity and preset.
+  std::string first_order_scales(std::vector<std::string> words) {
+    words.insert(words.end(), {"--set", "help"});
+    const std::string table = run(words).out;
+    std::istringstream line(table.substr(table.find("first_order_scales")));
+    std::string name, value;
+    line >> name >> value;
+    return value;
+  }
+
+  testing_support::TemporaryFolder folder;
+  std::vector<std::string> set_;
+};
+
+std::string program(const std::string& name) {
+  std::istringstream folders(std::getenv("PATH"));
+  for (std::string folder; std::getline(folders, folder, ':');)
+    if (std::filesystem::exists(folder + "/" + name)) return folder + "/" + name;
+  return "";
+}
+
+// Oracle: the default of sliding, lncc is 1, of gaussian 0, of wendland1 8.
+TEST_F(Settings, ComeFromTheEnvironmentForTheCommandThatRuns) {
+  EXPECT_EQ(first_order_scales({"register"}), "1");
+  set("SALTUS_MODEL", "gaussian");
+  EXPECT_EQ(first_order_scales({"register"}), "0");
+  EXPECT_EQ(first_order_scales({"register", "--model", "wendland1"}), "8");
+  // What is meant for one command does not touch another.
+  set("SALTUS_FIXED", "/nowhere.mha");
+  EXPECT_EQ(run({"phantom", "slip", "--size", "32,32", "--out", folder / "p"}).exit_code, Done);
+  EXPECT_EQ(run({"register", "--out", folder / "r"}).exit_code, Usage);
+}
+
+TEST_F(Settings, ComeFromAFile) {
+  const std::string file = folder.write("saltus.toml", "[register]\nmodel = \"gaussian\"\n");
+  EXPECT_EQ(first_order_scales({"register", "--config", file}), "0");
+  EXPECT_EQ(first_order_scales({"--config", file, "register"}), "0");
+  EXPECT_EQ(first_order_scales({"register", "--config", file, "--model", "wendland1"}), "8");
+  set("SALTUS_CONFIG", file);
+  EXPECT_EQ(first_order_scales({"register"}), "0");
+}
+
+TEST_F(Settings, RefuseAFileThatIsNotThereOrHasWhatNobodyKnows) {
+  EXPECT_EQ(run({"register", "--config", folder / "no.toml", "--set", "help"}).exit_code, Usage);
+  const std::string unknown = folder.write("saltus.toml", "[register]\nmodle = \"gaussian\"\n");
+  const Outcome outcome = run({"register", "--config", unknown, "--set", "help"});
+  EXPECT_EQ(outcome.exit_code, Usage);
+  EXPECT_THAT(outcome.err, HasSubstr("modle"));
+  set("SALTUS_CONFIG", folder / "no.toml");
+  EXPECT_THAT(run({"register", "--set", "help"}).err, HasSubstr("SALTUS_CONFIG is"));
+}
+
+TEST_F(Settings, EveryCommandKnowsJson) {
+  for (const char* command : {"register", "submit", "watch", "list", "get", "fetch", "cancel", "delete", "points",
+                              "warp", "evaluate", "phantom"})
+    EXPECT_THAT(run({command, "--help"}).out, AllOf(HasSubstr("--json"), HasSubstr("Example"))) << command;
+}
+
+/// What bash offers after these words, the last of them unfinished.
+std::string offered(const std::string& script, const std::string& words) {
+  std::istringstream all(words + "x");
+  int last = -1;
+  for (std::string word; all >> word;) ++last;
+  ChildProcess bash({program("bash"), "--norc", "-c",
+                     "compopt() { :; }; source '" + script + "'; COMP_WORDS=(" + words +
+                         (words.ends_with(' ') ? "''" : "") + "); COMP_CWORD=" + std::to_string(last) +
+                         "; _saltus; printf '%s\\n' \"${COMPREPLY[@]}\""});
+  EXPECT_EQ(bash.wait(), 0) << bash.err();
+  EXPECT_EQ(bash.err(), "");
+  return "\n" + bash.out();
+}
+
+TEST_F(Settings, AreCompletedByBash) {
+  const std::string script = folder.write("saltus.bash", run({"completion", "bash"}).out);
+  EXPECT_EQ(offered(script, "saltus reg"), "\nregister\n");
+  EXPECT_THAT(offered(script, "saltus "), AllOf(HasSubstr("\nphantom\n"), HasSubstr("\nserver\n")));
+  EXPECT_EQ(offered(script, "saltus register --points-sp"), "\n--points-space\n");
+  EXPECT_EQ(offered(script, "saltus register --model wend"), "\nwendland\nwendland1\n");
+  EXPECT_EQ(offered(script, "saltus register --preset "), "\nfast\nbalanced\naccurate\n");
+  EXPECT_THAT(offered(script, "saltus server "), AllOf(HasSubstr("\ninfo\n"), HasSubstr("\nfsck\n")));
+  EXPECT_THAT(offered(script, "saltus server drain --"), AllOf(HasSubstr("\n--wait\n"), Not(HasSubstr("--model"))));
+  folder.write("fixed_of_the_test.mha", "");
+  EXPECT_EQ(offered(script, "saltus register --fixed " + (folder / "fixed_of").string()),
+            "\n" + (folder / "fixed_of_the_test.mha").string() + "\n");
+}
+
+TEST_F(Settings, AreWrittenForOtherShellsInTheirGrammar) {
+  const std::string zsh = run({"completion", "zsh"}).out, fish = run({"completion", "fish"}).out;
+  EXPECT_THAT(zsh, AllOf(HasSubstr("#compdef saltus"), HasSubstr("(gaussian wendland wendland1 directional sliding)")));
+  EXPECT_THAT(fish, HasSubstr("-l preset -x -a 'fast balanced accurate'"));
+  EXPECT_EQ(run({"completion", "csh"}).exit_code, Usage);
+  // The shells themselves say whether it is theirs, where there are any.
+  const std::map<std::string, std::pair<std::string, std::string>> shells{{"zsh", {zsh, "-n"}},
+                                                                          {"fish", {fish, "--no-execute"}}};
+  for (const auto& [name, script] : shells) {
+    if (program(name).empty()) continue;
+    ChildProcess shell({program(name), script.second, folder.write("saltus." + name, script.first)});
+    EXPECT_EQ(shell.wait(), 0) << shell.err();
+  }
+}
+
+TEST_F(Settings, StandInTheManual) {
+  const std::string page = run({"man"}).out;
+  EXPECT_THAT(page,
+              AllOf(HasSubstr(".SS saltus register"), HasSubstr("\\-\\-points\\-space"), HasSubstr("EXIT STATUS")));
+  if (program("groff").empty()) GTEST_SKIP() << "there is no groff on this machine that could set the page";
+  ChildProcess groff({program("groff"), "-man", "-Tascii", "-P-cbou", "-ww", folder.write("saltus.1", page)});
+  EXPECT_EQ(groff.wait(), 0);
+  EXPECT_EQ(groff.err(), "");
+  EXPECT_THAT(groff.out(), HasSubstr("EXIT STATUS"));
+}
+
+}  // namespace
+}  // namespace saltus::cli
