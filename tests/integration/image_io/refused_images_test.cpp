@@ -11,6 +11,7 @@
 #include "core/image_io/read_image.h"
 #include "core/image_io/write_image.h"
 #include "core/support/errors.h"
+#include "tests/integration/image_io/nifti_bytes.h"
 #include "tests/integration/image_io/sample_images.h"
 #include "tests/support/guarded_child.h"
 
@@ -18,20 +19,13 @@ namespace saltus {
 namespace {
 
 using testing::expect_same_place;
+using testing::NiftiBytes;
 using testing::oblique_grid;
+using testing::read_bytes;
 using testing::sample_vectors;
 using testing::sample_volume;
 using testing::TemporaryFolder;
-
-std::string read_bytes(const std::filesystem::path& path) {
-  std::ostringstream bytes;
-  bytes << std::ifstream(path, std::ios::binary).rdbuf();
-  return bytes.str();
-}
-
-void write_bytes(const std::filesystem::path& path, const std::string& bytes) {
-  std::ofstream(path, std::ios::binary) << bytes;
-}
+using testing::write_bytes;
 
 template <int Dim = 3>
 std::string error_for(const std::filesystem::path& path) {
@@ -56,33 +50,6 @@ std::string meta_header(const std::string& size, const std::string& data_file, c
 std::string nrrd_header(const std::string& sizes, const std::string& more, const std::string& encoding = "raw") {
   return "NRRD0004\ntype: uint8\ndimension: 3\nsizes: " + sizes + "\nencoding: " + encoding + "\n" + more + "\n";
 }
-
-/// A NIfTI-1 header of single bytes, 352 long.
-struct NiftiBytes {
-  std::string bytes = std::string(352, '\0');
-
-  template <typename Value>
-  NiftiBytes& set(std::size_t offset, Value value) {
-    std::memcpy(bytes.data() + offset, &value, sizeof value);
-    return *this;
-  }
-  explicit NiftiBytes(std::vector<std::int16_t> size) {
-    set<std::int32_t>(0, 348).set<std::int16_t>(40, size.size());
-    for (std::size_t i = 0; i < 7; ++i) set<std::int16_t>(42 + 2 * i, i < size.size() ? size[i] : 1);
-    set<std::int16_t>(70, 2).set<std::int16_t>(72, 8).set<float>(108, 352);
-    for (int i = 0; i < 8; ++i) set<float>(76 + 4 * i, 1);
-    std::memcpy(bytes.data() + 344, "n+1", 4);
-  }
-  /// Quaternion of a half turn about z, as a qform of this code.
-  NiftiBytes& half_turn_qform(std::int16_t code, float x_offset) {
-    return set<std::int16_t>(252, code).set<float>(264, 1).set<float>(268, x_offset);
-  }
-  NiftiBytes& sform(std::int16_t code, const std::array<float, 12>& rows) {
-    set<std::int16_t>(254, code);
-    for (int i = 0; i < 12; ++i) set<float>(280 + 4 * i, rows[i]);
-    return *this;
-  }
-};
 
 TEST(RefusedImages, MissingFilesFoldersAndUnknownSuffixes) {
   const TemporaryFolder folder;
@@ -474,56 +441,6 @@ TEST(RoundedDirections, BecomeOrthonormal) {
   EXPECT_LE((direction.transpose() * direction - Matrix<3>::Identity()).cwiseAbs().maxCoeff(), 1e-14);
   EXPECT_NEAR(direction(1, 0), 0.5, 1e-4);
 }
-
-// The rule that read_image.h states; what ITK 5.2 does with each file is the oracle for the three-slice case, which ITK
-// places, and the one-slice case, which we place, must agree.
-class NiftiPlacement : public ::testing::TestWithParam<int> {
- protected:
-  ImageGrid<3> grid_for(std::int16_t qform_code, std::int16_t sform_code, const std::array<float, 12>& sform) const {
-    const TemporaryFolder folder;
-    NiftiBytes nifti({2, 3, static_cast<std::int16_t>(GetParam())});
-    nifti.half_turn_qform(qform_code, 50).sform(sform_code, sform);
-    write_bytes(folder / "a.nii", nifti.bytes + std::string(6 * GetParam(), 'v'));
-    return read_grid<3>(folder / "a.nii");
-  }
-  /// RAS identity axes, shifted by 7: in LPS the directions are -1, -1, 1.
-  const std::array<float, 12> shifted{1, 0, 0, 7, 0, 1, 0, 0, 0, 0, 1, 0};
-  const Vector<3> by_sform{-7, 0, 0};
-  const Vector<3> by_qform{-50, 0, 0};
-};
-
-TEST_P(NiftiPlacement, ScannerSformWinsOverQform) {
-  const auto grid = grid_for(1, 1, shifted);
-  EXPECT_EQ(grid.origin, by_sform);
-  EXPECT_EQ(grid.direction, Matrix<3>(Vector<3>(-1, -1, 1).asDiagonal()));
-}
-
-TEST_P(NiftiPlacement, QformWinsOverAnotherSform) {
-  const auto grid = grid_for(1, 2, shifted);
-  EXPECT_EQ(grid.origin, by_qform);
-  EXPECT_LE((grid.direction - Matrix<3>::Identity()).norm(), 1e-6);
-}
-
-TEST_P(NiftiPlacement, SformIsUsedWithoutQform) { EXPECT_EQ(grid_for(0, 2, shifted).origin, by_sform); }
-
-TEST_P(NiftiPlacement, QformIsUsedWithoutSform) { EXPECT_EQ(grid_for(1, 0, shifted).origin, by_qform); }
-
-TEST_P(NiftiPlacement, ShearedSformLosesToQform) {
-  EXPECT_EQ(grid_for(1, 1, {1, 0.3f, 0, 7, 0, 1, 0, 0, 0, 0, 1, 0}).origin, by_qform);
-}
-
-TEST_P(NiftiPlacement, ShearedSformWithoutQformIsRefused) {
-  EXPECT_THROW(grid_for(0, 1, {1, 0.3f, 0, 7, 0, 1, 0, 0, 0, 0, 1, 0}), FileError);
-}
-
-TEST_P(NiftiPlacement, WithoutFormsThereIsNoRotation) {
-  const auto grid = grid_for(0, 0, shifted);
-  EXPECT_EQ(grid.origin, Vector<3>(0, 0, 0));
-  EXPECT_EQ(grid.direction.cwiseAbs(), Matrix<3>::Identity()) << grid.direction;
-  EXPECT_EQ(grid.direction, Matrix<3>::Identity()) << grid.direction;
-}
-
-INSTANTIATE_TEST_SUITE_P(Slices, NiftiPlacement, ::testing::Values(3, 1));
 
 }  // namespace
 }  // namespace saltus
