@@ -10,6 +10,7 @@
 
 #include "tests/benchmark/block_costs.h"
 #include "tests/benchmark/hard_cases.h"
+#include "tests/benchmark/kernel_costs.h"
 #include "tests/benchmark/peers/peers.h"
 #include "tests/benchmark/slip_table.h"
 
@@ -87,6 +88,9 @@ int main(int argument_count, char** arguments) {
   });
   add("blocks", "What active and inactive blocks of first-order momenta cost")->callback([&] {
     exit_code = finish(block_cost_columns(), block_cost_rows(is_quick, std::cerr), json_file);
+  });
+  add("kernels", "The hot loops beside what the machine can do, with one thread and two")->callback([&] {
+    exit_code = finish(kernel_columns(), kernel_rows(is_quick, std::cerr), json_file);
   });
   add_peers(app, exit_code);
   CLI11_PARSE(app, argument_count, arguments);

@@ -1,12 +1,14 @@
 #include "tests/benchmark/measured_process.h"
 
 #include <fcntl.h>
+#include <sys/prctl.h>
 #include <sys/resource.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
 #include <cerrno>
 #include <chrono>
+#include <csignal>
 #include <cstdlib>
 #include <cstring>
 #include <sstream>
@@ -22,6 +24,7 @@ double seconds(const timeval& time) {
 /// In the child; returns the error of what has failed.
 int become(const std::vector<char*>& words, const std::vector<std::pair<std::string, std::string>>& environment,
            const char* log) {
+  prctl(PR_SET_PDEATHSIG, SIGTERM);  // nobody would take its result
   const int nothing = open("/dev/null", O_RDONLY), out = open(log, O_WRONLY | O_CREAT | O_TRUNC, 0644);
   if (nothing < 0 || out < 0 || dup2(nothing, 0) < 0 || dup2(out, 1) < 0 || dup2(out, 2) < 0) return errno;
   for (const auto& [name, value] : environment)

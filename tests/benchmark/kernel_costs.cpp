@@ -1,0 +1,219 @@
+#include "tests/benchmark/kernel_costs.h"
+
+#include <algorithm>
+#include <cmath>
+#include <functional>
+#include <memory>
+#include <ostream>
+#include <string>
+
+#ifdef _OPENMP
+#include <omp.h>
+#endif
+
+#include "core/flow/backward_map.h"
+#include "core/flow/coadjoint_transport.h"
+#include "core/grid/warp.h"
+#include "core/kernels/kernel_profile.h"
+#include "core/kernels/separable_convolution.h"
+#include "core/similarity/similarity.h"
+#include "core/support/stopwatch.h"
+#include "tests/benchmark/machine_limits.h"
+
+namespace saltus::benchmark {
+namespace {
+
+constexpr double kVector = 3 * sizeof(float), kScalar = sizeof(float);  ///< bytes of a site
+
+/// A loop over all sites, with what it has to move and to do for each of them.
+struct Kernel {
+  std::string name;
+  double bytes = 0, operations = 0;
+  std::function<void()> run;
+};
+
+std::vector<float> smooth(std::size_t sites, int channels, float amount) {
+  std::vector<float> values(sites * static_cast<std::size_t>(channels));
+  for (std::size_t i = 0; i < values.size(); ++i)
+    values[i] = amount * std::sin(1e-3f * static_cast<float>(i) + static_cast<float>(i % 3));
+  return values;
+}
+
+/// Linear interpolation of `channels` values in a cell: seven steps low + t (high - low) of three operations.
+constexpr double interpolation(int channels) { return 7 * 3 * channels; }
+/// Where a site is now, in samples: a product and a sum an axis.
+constexpr double kPlacing = 3 * 2;
+
+class Scene {
+ public:
+  explicit Scene(int size)
+      : lattice_{{size, size, size}, {1, 1, 1}, {}},
+        sites_(lattice_.sites()),
+        vectors_(smooth(sites_, 3, 1)),
+        displacement_(smooth(sites_, 3, 0.8f)),
+        out_(3 * sites_),
+        dual_(smooth(sites_, 3, 0.1f)),
+        fixed_(smooth(sites_, 1, 0.4f)),
+        scalar_(sites_) {
+    image_.lattice = lattice_;
+    image_.samples = smooth(sites_, 1, 0.5f);
+    image_.linear.setIdentity();
+    image_.offset.setZero();
+  }
+
+  std::vector<Kernel> kernels() {
+    std::vector<Kernel> list;
+    const auto pass = [&](const std::string& name, const KernelProfile& profile) {
+      const KernelTaps taps = cell_averaged_taps(profile, 1.0);
+      auto row = std::make_shared<AxisTaps<float>>(taps.value, taps.value_runs, taps.degree);
+      // The field is read and written once. Taps one by one: a product and a sum each. By moments of degree 2: two
+      // times five operations to gather a value, four times six to give it to both runs, and the taps by themselves.
+      const double taps_one_by_one = 2.0 * static_cast<double>(row->direct.size());
+      const double moments = 2 * 5 + 4 * 6 + 2.0 * static_cast<double>(row->singles.size());
+      const double operations =
+          3 * (row->has_runs() && row->degree == 2 ? std::min(moments, taps_one_by_one) : taps_one_by_one);
+      for (int axis = 0; axis < 3; ++axis)
+        list.push_back({name + ", along " + "xyz"[axis], 2 * kVector, operations, [this, row, axis] {
+                          convolve_axis<3, float>(lattice_, 3, axis, *row, Combine::Replace, vectors_.data(),
+                                                  out_.data());
+                        }});
+    };
+    pass("synthesis pass, gaussian of 6 voxels", *make_gaussian_profile(6));
+    pass("synthesis pass, wendland of 6 voxels", *make_wendland_profile(6));
+
+    // Reads where sites are and their momenta; what it adds to is read and written. For each of eight corners a weight
+    // (one product, three for all that corners share) and a product and a sum a component.
+    auto sites = std::make_shared<MovedSites<3, float>>(lattice_, Evolution::Carried);
+    auto transport = std::make_shared<CoadjointTransport<3, float>>(lattice_, 1.0, true, false, Evolution::Carried);
+    list.push_back({"push of momenta of order 0", 4 * kVector, kPlacing + 8 * (1 + 2 * 3) + 6, [=, this] {
+                      sites->move(displacement_.data());
+                      transport->push(*sites, vectors_.data(), nullptr, {}, transport->reached(*sites, {}), out_.data(),
+                                      nullptr);
+                    }});
+    // The same read the other way round, with the gradient of the position.
+    list.push_back({"its adjoint", 7 * kVector, kPlacing + interpolation(3) + 3 * interpolation(1), [=, this] {
+                      sites->begin_adjoint(BlockMask<3>::all(lattice_));
+                      transport->push_adjoint(*sites, vectors_.data(), nullptr, {}, dual_.data(), nullptr, more_.data(),
+                                              out_.data(), nullptr);
+                      sites->end_adjoint(BlockMask<3>::all(lattice_), more_.data());
+                    }});
+    more_.assign(3 * sites_, 0);
+
+    // One step back with Heun's rule: position and both velocities read, the position written; two interpolations.
+    velocities_.assign(2, vectors_);
+    auto map = std::make_shared<BackwardMap<3, float>>(lattice_, lattice_, 1);
+    list.push_back({"a step of the backward map", 4 * kVector, 2 * (kPlacing + interpolation(3) + 6),
+                    [=, this] { map->follow(velocities_); }});
+    // Both velocities, the position and the dual read; the duals of both velocities read and written.
+    velocity_duals_.assign(2, Field<float>(3 * sites_, 0));
+    list.push_back({"its adjoint", 8 * kVector, 2 * (kPlacing + 8 * 7 + 3 * interpolation(1) + 6),
+                    [=, this] { map->adjoint(velocities_, dual_, velocity_duals_); }});
+
+    list.push_back({"warp", kVector + 2 * kScalar, 3 * kPlacing + interpolation(1),
+                    [this] { warp<3, float>(image_, lattice_, displacement_.data(), scalar_.data()); }});
+    list.push_back({"its adjoint", 3 * kVector + 2 * kScalar, 3 * kPlacing + 3 * interpolation(1) + 9 * 2, [this] {
+                      warp_adjoint<3, float>(image_, lattice_, displacement_.data(), fixed_.data(), more_.data());
+                    }});
+
+    // Both images read, the gradient written. Six products, window sums of those and of three coefficients (a sum and a
+    // difference along each axis), and about forty operations to make the coefficients and the gradient of them.
+    similarity_ = make_local_correlation<3, float>(lattice_, 2.0, 0.01);
+    list.push_back({"local correlation, value and gradient", 3 * kScalar, 6 + (6 + 3) * 3 * 2 + 40, [this] {
+                      similarity_->evaluate(fixed_.data(), image_.samples.data(), nullptr, scalar_.data(), nullptr);
+                    }});
+    // With a mask and the gradient with respect to it: six coefficients.
+    weights_.assign(sites_, 1);
+    list.push_back({"local correlation with a mask", 5 * kScalar, 12 + 12 * 3 * 2 + 70, [this] {
+                      similarity_->evaluate(fixed_.data(), image_.samples.data(), weights_.data(), scalar_.data(),
+                                            more_.data());
+                    }});
+    return list;
+  }
+
+  std::size_t sites() const { return sites_; }
+
+ private:
+  Lattice<3> lattice_;
+  std::size_t sites_;
+  std::vector<float> vectors_, displacement_, out_, dual_, fixed_, scalar_, more_, weights_;
+  FramedImage<3, float> image_;
+  std::vector<Field<float>> velocities_, velocity_duals_;
+  std::unique_ptr<Similarity<3, float>> similarity_;
+};
+
+void use_threads([[maybe_unused]] int count) {
+#ifdef _OPENMP
+  omp_set_num_threads(count);
+#endif
+}
+
+}  // namespace
+
+std::vector<Row> kernel_rows(bool is_quick, std::ostream& progress) {
+  Scene scene(is_quick ? 48 : 128);
+  const int repetitions = is_quick ? 3 : 15;
+  MachineLimits limits[2];
+  for (int threads : {1, 2}) {
+    use_threads(threads);
+    limits[threads - 1] = measure_limits();
+    progress << threads << (threads == 1 ? " thread: " : " threads: ") << limits[threads - 1].gigabytes_per_second
+             << " GB/s, " << limits[threads - 1].gigaflops << " Gflop/s" << std::endl;
+  }
+  std::vector<Row> rows;
+  for (const Kernel& kernel : scene.kernels()) {
+    double seconds[2];
+    for (int threads : {1, 2}) {
+      use_threads(threads);
+      double best = 1e300;
+      for (int repetition = 0; repetition <= repetitions; ++repetition) {
+        const Stopwatch watch;
+        kernel.run();
+        if (repetition > 0) best = std::min(best, watch.seconds());  // the first one warms up
+      }
+      seconds[threads - 1] = best;
+    }
+    const double sites = static_cast<double>(scene.sites());
+    const auto bound = [&](int threads) {
+      const MachineLimits& limit = limits[threads - 1];
+      return sites *
+             std::max(1e-9 * kernel.bytes / limit.gigabytes_per_second, 1e-9 * kernel.operations / limit.gigaflops);
+    };
+    Row row;
+    row.name = kernel.name;
+    row.add("bytes", kernel.bytes);
+    row.add("operations", kernel.operations);
+    row.add("ns", 1e9 * seconds[0] / sites);
+    row.add("gigabytes_per_second", 1e-9 * kernel.bytes * sites / seconds[0]);
+    row.add("gigaflops", 1e-9 * kernel.operations * sites / seconds[0]);
+    row.add("bound_percent", 100 * bound(1) / seconds[0]);
+    row.add("bound_percent_two", 100 * bound(2) / seconds[1]);
+    row.add("speedup", seconds[0] / seconds[1]);
+    row.outcome = 1e-9 * kernel.bytes / limits[0].gigabytes_per_second > 1e-9 * kernel.operations / limits[0].gigaflops
+                      ? "memory"
+                      : "arithmetic";
+    rows.push_back(std::move(row));
+    progress << rows.back().name << std::endl;
+  }
+  for (int threads : {1, 2}) {
+    Row row;
+    row.name = "the machine, " + std::to_string(threads) + (threads == 1 ? " thread" : " threads");
+    row.add("gigabytes_per_second", limits[threads - 1].gigabytes_per_second);
+    row.add("gigaflops", limits[threads - 1].gigaflops);
+    rows.push_back(std::move(row));
+  }
+  use_threads(1);
+  return rows;
+}
+
+std::vector<Column> kernel_columns() {
+  return {{"bytes", "bytes a site", 0},
+          {"operations", "operations", 0},
+          {"ns", "ns a site", 2},
+          {"gigabytes_per_second", "GB/s", 1},
+          {"gigaflops", "Gflop/s", 1},
+          {"bound_percent", "of the bound, %", 0},
+          {"bound_percent_two", "with 2 threads, %", 0},
+          {"speedup", "2 threads, times faster", 2}};
+}
+
+}  // namespace saltus::benchmark

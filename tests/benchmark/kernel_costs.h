@@ -1,0 +1,16 @@
+#pragma once
+
+#include <iosfwd>
+#include <vector>
+
+#include "tests/benchmark/table.h"
+
+namespace saltus::benchmark {
+
+/// The hot loops beside what the machine can do, measured in the same run, with one thread and with two: time, memory
+/// that has to be moved, operations that have to be done, and which share of the time the greater of both would take
+/// alone. Counts are of the task, not of how it is done: every field is read or written once.
+std::vector<Row> kernel_rows(bool is_quick, std::ostream& progress);
+std::vector<Column> kernel_columns();
+
+}  // namespace saltus::benchmark

@@ -1,0 +1,63 @@
+#include "tests/benchmark/machine_limits.h"
+
+#include <algorithm>
+#include <vector>
+
+#include "core/support/stopwatch.h"
+
+namespace saltus::benchmark {
+namespace {
+
+typedef float Lanes __attribute__((vector_size(32)));
+
+/// Enough sums that one need not wait for another: the latency of a multiply-add times two a cycle.
+constexpr int kSums = 10;
+
+Lanes multiply_and_add(int rounds) {
+  Lanes sums[kSums], factor, term;
+  for (int lane = 0; lane < 8; ++lane) factor[lane] = 0.999f, term[lane] = 1e-3f;
+  for (int k = 0; k < kSums; ++k) sums[k] = term * static_cast<float>(k);
+  for (int round = 0; round < rounds; ++round)
+#pragma GCC unroll 10
+    for (int k = 0; k < kSums; ++k) sums[k] = sums[k] * factor + term;
+  Lanes total = sums[0];
+  for (int k = 1; k < kSums; ++k) total += sums[k];
+  return total;
+}
+
+}  // namespace
+
+MachineLimits measure_limits() {
+  MachineLimits limits;
+  constexpr std::size_t count = std::size_t(24) << 20;
+  std::vector<float> a(count), b(count), c(count);
+#pragma omp parallel for schedule(static)
+  for (std::size_t i = 0; i < count; ++i) a[i] = 0, b[i] = 1, c[i] = static_cast<float>(i % 7);
+  for (int repetition = 0; repetition < 12; ++repetition) {
+    const float s = 0.5f + 0.01f * static_cast<float>(repetition);
+    const Stopwatch watch;
+#pragma omp parallel for simd schedule(static)
+    for (std::size_t i = 0; i < count; ++i) a[i] = b[i] + s * c[i];
+    limits.gigabytes_per_second =
+        std::max(limits.gigabytes_per_second, 12e-9 * static_cast<double>(count) / watch.seconds());
+  }
+  constexpr int rounds = 4'000'000;
+  float kept = 0;
+  int threads = 0;
+  for (int repetition = 0; repetition < 12; ++repetition) {
+    const Stopwatch watch;
+    threads = 0;
+#pragma omp parallel reduction(+ : kept, threads)
+    {
+      kept += multiply_and_add(rounds)[0];
+      ++threads;
+    }
+    const double work = 2e-9 * 8 * kSums * static_cast<double>(rounds) * threads;
+    limits.gigaflops = std::max(limits.gigaflops, work / watch.seconds());
+  }
+  // Of use, so that the loop is not left out.
+  if (kept == 1.2345f) limits.gigaflops = 0;
+  return limits;
+}
+
+}  // namespace saltus::benchmark
