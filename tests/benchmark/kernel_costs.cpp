@@ -168,7 +168,9 @@ std::vector<Row> kernel_rows(bool is_quick, std::ostream& progress) {
       for (int repetition = 0; repetition <= repetitions; ++repetition) {
         const Stopwatch watch;
         kernel.run();
-        if (repetition > 0) best = std::min(best, watch.seconds());  // the first one warms up
+        // The first one warms up. Of one thread the processor's time: a machine that does other things disturbs it
+        // less.
+        if (repetition > 0) best = std::min(best, threads == 1 ? watch.cpu_seconds() : watch.seconds());
       }
       seconds[threads - 1] = best;
     }

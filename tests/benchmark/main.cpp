@@ -12,6 +12,7 @@
 #include "tests/benchmark/hard_cases.h"
 #include "tests/benchmark/kernel_costs.h"
 #include "tests/benchmark/peers/peers.h"
+#include "tests/benchmark/scale.h"
 #include "tests/benchmark/slip_table.h"
 
 namespace {
@@ -92,6 +93,21 @@ int main(int argument_count, char** arguments) {
   add("kernels", "The hot loops beside what the machine can do, with one thread and two")->callback([&] {
     exit_code = finish(kernel_columns(), kernel_rows(is_quick, std::cerr), json_file);
   });
+  std::vector<int> sizes{64, 96, 128, 192, 256, 384};
+  std::filesystem::path out;
+  CLI::App* scale = add("scale", "Time and memory against the size of the images, 64^3 to 384^3, each in its process");
+  scale->add_option("--sizes", sizes, "Voxels an axis")->delimiter(',');
+  scale->add_option("--out", out, "Folder of scale.svg and of what the runs say")->required();
+  scale->callback([&] {
+    const auto rows = scale_rows("/proc/self/exe", sizes, out, std::cerr);
+    if (std::any_of(rows.begin(), rows.end(), [](const Row& row) { return row.find("voxels") != nullptr; }))
+      std::ofstream(out / "scale.svg") << to_svg(plot_of_scale(rows));
+    exit_code = finish(scale_columns(), rows, json_file);
+  });
+  int child_size = 0;
+  CLI::App* child = app.add_subcommand("scale-child", "One run of scale")->group("");
+  child->add_option("size", child_size)->required()->check(CLI::Range(16, 1024));
+  child->callback([&] { run_scale_child(child_size, std::cout); });
   add_peers(app, exit_code);
   CLI11_PARSE(app, argument_count, arguments);
   return exit_code;
