@@ -4,6 +4,7 @@
 #include "core/kernels/separable_convolution.h"
 
 #include <algorithm>
+#include <cstring>
 
 namespace saltus {
 
@@ -112,22 +113,41 @@ void for_line_strips(const Lattice<Dim>& lattice, int channels, int axis, int ra
   }
 }
 
-/// target row i += sum over (t, tap) of tap * source row i - t, over rows of `Lanes` values.
+/// Rows i to i + Rows - 1 of add_taps, all of whose sources are there (or, with `is_cut`, may not be). The sums stay in
+/// registers: an array of single values that is this long would not.
+template <int Lanes, int Rows, bool is_cut, class T, class Taps>
+[[gnu::always_inline]] inline void add_taps_to_rows(const Taps& taps, int i, int count, const T* source, T* target) {
+  typedef T Vector __attribute__((vector_size(32)));
+  constexpr int width = sizeof(Vector) / sizeof(T), vectors = Rows * Lanes / width;
+  static_assert(Lanes % width == 0);
+  Vector sum[vectors];
+  T* out = target + i * Lanes;
+#pragma GCC unroll 16
+  for (int v = 0; v < vectors; ++v) std::memcpy(&sum[v], out + v * width, sizeof(Vector));
+  for (const auto& [t, tap] : taps) {
+    if (is_cut && (i - t < 0 || i - t >= count)) continue;
+    const T* row = source + (i - t) * Lanes;
+#pragma GCC unroll 16
+    for (int v = 0; v < vectors; ++v) {
+      Vector values;
+      std::memcpy(&values, row + v * width, sizeof(Vector));
+      sum[v] += tap * values;
+    }
+  }
+#pragma GCC unroll 16
+  for (int v = 0; v < vectors; ++v) std::memcpy(out + v * width, &sum[v], sizeof(Vector));
+}
+
+/// target row i += sum over (t, tap) of tap * source row i - t, over rows of `Lanes` values. Two rows at a time, so
+/// that no sum waits for the one before; each is made in the order of the taps.
 template <int Lanes, class T, class Taps>
 inline void add_taps(const Taps& taps, int count, const T* source, T* target) {
-  for (int i = 0; i < count; ++i) {
-    T sum[Lanes];
-    T* out = target + i * Lanes;
-    for (int lane = 0; lane < Lanes; ++lane) sum[lane] = out[lane];
-    for (const auto& [t, tap] : taps) {
-      if (i - t < 0 || i - t >= count) continue;
-      const T w = tap;
-      const T* row = source + (i - t) * Lanes;
-#pragma omp simd
-      for (int lane = 0; lane < Lanes; ++lane) sum[lane] += w * row[lane];
-    }
-    for (int lane = 0; lane < Lanes; ++lane) out[lane] = sum[lane];
-  }
+  int least = 0, most = 0;  // t
+  for (const auto& [t, tap] : taps) least = std::min(least, t), most = std::max(most, t);
+  int i = 0;
+  for (; i < std::min(most, count); ++i) add_taps_to_rows<Lanes, 1, true>(taps, i, count, source, target);
+  for (; i + 1 < count + least; i += 2) add_taps_to_rows<Lanes, 2, false>(taps, i, count, source, target);
+  for (; i < count; ++i) add_taps_to_rows<Lanes, 1, true>(taps, i, count, source, target);
 }
 
 }  // namespace saltus

@@ -4,6 +4,46 @@
 
 namespace saltus {
 
+namespace {
+
+constexpr std::size_t kStrip = 256;  ///< rows that run together: their sums stay in the nearest cache
+
+/// With `Width` known (0: not), short rows are a few instructions each.
+template <std::size_t Width, class T>
+void add_running_sums(int length, int radius, std::size_t any_width, const T* in, std::size_t in_stride, T* out,
+                      std::size_t out_stride) {
+  const std::size_t width = Width > 0 ? Width : any_width;
+  // A float sum would drift along a line, and flat windows would not look flat.
+  double sum[Width > 0 ? Width : kStrip] = {};
+  for (int i = 0; i < radius; ++i)
+    for (std::size_t k = 0; k < width; ++k) sum[k] += in[static_cast<std::size_t>(i) * in_stride + k];
+  for (int i = 0; i < length; ++i) {
+    const T* entering = i + radius < length ? in + static_cast<std::size_t>(i + radius) * in_stride : nullptr;
+    const T* leaving = i - radius - 1 >= 0 ? in + static_cast<std::size_t>(i - radius - 1) * in_stride : nullptr;
+    T* to = out + static_cast<std::size_t>(i) * out_stride;
+    if (entering && leaving) {
+#pragma omp simd
+      for (std::size_t k = 0; k < width; ++k) to[k] = static_cast<T>(sum[k] += double(entering[k]) - leaving[k]);
+    } else {
+      for (std::size_t k = 0; k < width; ++k)
+        to[k] = static_cast<T>(sum[k] += (entering ? double(entering[k]) : 0.0) - (leaving ? double(leaving[k]) : 0.0));
+    }
+  }
+}
+
+}  // namespace
+
+template <class T>
+void box_sum_rows(int length, int radius, std::size_t width, const T* in, std::size_t in_stride, T* out,
+                  std::size_t out_stride) {
+  radius = std::min(radius, length - 1);
+  if (width == 6) return add_running_sums<6>(length, radius, width, in, in_stride, out, out_stride);
+  if (width == 3) return add_running_sums<3>(length, radius, width, in, in_stride, out, out_stride);
+  for (std::size_t begin = 0; begin < width; begin += kStrip)
+    add_running_sums<0>(length, radius, std::min(kStrip, width - begin), in + begin, in_stride, out + begin,
+                        out_stride);
+}
+
 template <int Dim, class T>
 void BoxSum<Dim, T>::apply(int channels, T* field) {
   const std::size_t count = lattice_.sites() * static_cast<std::size_t>(channels);
@@ -14,35 +54,14 @@ void BoxSum<Dim, T>::apply(int channels, T* field) {
   for (int axis = 0; axis < Dim; ++axis) {
     const int length = lattice_.size[axis];
     if (radius_[axis] > 0 && length > 1) {
-      const int radius = std::min(radius_[axis], length - 1);
       const std::size_t outer = count / (inner * static_cast<std::size_t>(length));
-      // Running sums are kept in double: a float sum would drift along a line and flat windows would not look flat.
       // Lines along x are short rows of `channels`; along other axes whole rows run together, in strips.
-      const std::size_t strip = std::min<std::size_t>(inner, 256);
-      const std::size_t strips = (inner + strip - 1) / strip;
+      const std::size_t strips = (inner + kStrip - 1) / kStrip;
 #pragma omp parallel for collapse(2) schedule(static)
       for (std::size_t o = 0; o < outer; ++o)
         for (std::size_t part = 0; part < strips; ++part) {
-          const std::size_t begin = part * strip, width = std::min(strip, inner - begin);
-          const T* source = in + o * inner * length + begin;
-          T* target = out + o * inner * length + begin;
-          double sum[256] = {};
-          for (int i = 0; i < radius; ++i)
-            for (std::size_t k = 0; k < width; ++k) sum[k] += source[i * inner + k];
-          for (int i = 0; i < length; ++i) {
-            const T* entering = i + radius < length ? source + (i + radius) * inner : nullptr;
-            const T* leaving = i - radius - 1 >= 0 ? source + (i - radius - 1) * inner : nullptr;
-            T* to = target + i * inner;
-            if (entering && leaving) {
-#pragma omp simd
-              for (std::size_t k = 0; k < width; ++k)
-                to[k] = static_cast<T>(sum[k] += double(entering[k]) - leaving[k]);
-            } else {
-              for (std::size_t k = 0; k < width; ++k)
-                to[k] = static_cast<T>(sum[k] +=
-                                       (entering ? double(entering[k]) : 0.0) - (leaving ? double(leaving[k]) : 0.0));
-            }
-          }
+          const std::size_t begin = part * kStrip, at = o * inner * static_cast<std::size_t>(length) + begin;
+          box_sum_rows(length, radius_[axis], std::min(kStrip, inner - begin), in + at, inner, out + at, inner);
         }
       std::swap(in, out);
     }
@@ -51,6 +70,8 @@ void BoxSum<Dim, T>::apply(int channels, T* field) {
   if (in != field) std::copy(in, in + count, field);
 }
 
+template void box_sum_rows(int, int, std::size_t, const float*, std::size_t, float*, std::size_t);
+template void box_sum_rows(int, int, std::size_t, const double*, std::size_t, double*, std::size_t);
 template class BoxSum<2, float>;
 template class BoxSum<3, float>;
 template class BoxSum<2, double>;
