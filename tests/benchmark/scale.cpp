@@ -3,7 +3,10 @@
 #include <algorithm>
 #include <cmath>
 #include <fstream>
+#include <iomanip>
+#include <limits>
 #include <ostream>
+#include <sstream>
 #include <stdexcept>
 #include <string>
 
@@ -24,6 +27,23 @@ RegistrationOptions options() {
   options.optimisation.max_iterations = kIterations;
   options.optimisation.tolerance = options.optimisation.optimality_tolerance = 0;  // the same work at every size
   return options;
+}
+
+/// What Linux would give without taking it from another program; without limit where it does not say.
+double available_bytes() {
+  std::ifstream file("/proc/meminfo");
+  for (std::string name, unit; file >> name;) {
+    double kibibytes = 0;
+    if (name == "MemAvailable:" && file >> kibibytes) return 1024 * kibibytes;
+    std::getline(file, unit);
+  }
+  return std::numeric_limits<double>::infinity();
+}
+
+std::string gibibytes(double bytes) {
+  std::ostringstream text;
+  text << std::fixed << std::setprecision(1) << bytes / (1024.0 * 1024.0 * 1024.0);
+  return text.str();
 }
 
 }  // namespace
@@ -51,7 +71,17 @@ std::vector<Row> scale_rows(const std::filesystem::path& program, const std::vec
                             const std::filesystem::path& folder, std::ostream& progress) {
   std::filesystem::create_directories(folder);
   std::vector<Row> rows;
+  double bytes_a_voxel = 0;
   for (int size : sizes) {
+    const double wanted = 1.1 * bytes_a_voxel * std::pow(size, 3), available = available_bytes();
+    if (wanted > available) {
+      rows.push_back({std::to_string(size) + "^3",
+                      "left out: about " + gibibytes(wanted) + " GiB where " + gibibytes(available) + " are free",
+                      {},
+                      {}});
+      progress << rows.back().name << ' ' << rows.back().outcome << std::endl;
+      continue;
+    }
     const std::filesystem::path log = folder / ("scale_" + std::to_string(size) + ".txt");
     const ProcessCost cost = run_measured({program, "scale-child", std::to_string(size)},
                                           {{"OMP_WAIT_POLICY", "passive"}, {"OMP_NUM_THREADS", "1"}}, log);
@@ -74,7 +104,8 @@ std::vector<Row> scale_rows(const std::filesystem::path& program, const std::vec
     row.add("peak_megabytes", cost.peak_megabytes);
     row.add("declared_megabytes", declared);
     row.add("share_of_declared", 100 * cost.peak_megabytes / declared);
-    row.add("bytes_a_voxel", cost.peak_megabytes * 1024 * 1024 / voxels);
+    bytes_a_voxel = cost.peak_megabytes * 1024 * 1024 / voxels;
+    row.add("bytes_a_voxel", bytes_a_voxel);
     if (cost.peak_megabytes > 1.1 * declared) row.complaints.push_back("more memory than it declares");
     progress << row.name << ": " << cpu << " CPU s, " << cost.peak_megabytes << " of " << declared << " MiB"
              << std::endl;

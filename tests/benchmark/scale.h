@@ -15,7 +15,7 @@ void run_scale_child(int size, std::ostream& out);
 
 /// Time and memory against the size of the images, each size in a process of its own, `program` with the argument
 /// `scale-child`: its largest memory beside what memory_estimate declares for it. A run that takes more than 1.1 times
-/// that is a complaint.
+/// that is a complaint; one that would take more than is free, judged by the one before, is left out.
 std::vector<Row> scale_rows(const std::filesystem::path& program, const std::vector<int>& sizes,
                             const std::filesystem::path& folder, std::ostream& progress);
 std::vector<Column> scale_columns();

@@ -117,7 +117,8 @@ void draw_panel(const PlotPanel& panel, const std::string& x_label, const std::v
   out << "<text class=\"tick middle\" transform=\"translate(" << number(left + 12) << ' '
       << number(frame.top + frame.height / 2) << ") rotate(-90)\">" << escaped(panel.y_label) << "</text>\n";
 
-  std::vector<std::pair<double, double>> places, sizes;
+  std::vector<Place> places, sizes;
+  std::vector<std::pair<Place, Place>> lines;
   std::vector<std::string> labels, colours;
   for (const PlotSeries& series : panel.series) {
     const auto index = static_cast<std::size_t>(std::find(names.begin(), names.end(), series.name) - names.begin());
@@ -125,6 +126,9 @@ void draw_panel(const PlotPanel& panel, const std::string& x_label, const std::v
     if (series.is_connected && series.points.size() > 1) {
       out << "<path class=\"line\" stroke=\"" << colour << '"' << (series.is_dashed ? " stroke-dasharray=\"5 4\"" : "")
           << " d=\"";
+      for (std::size_t k = 1; k < series.points.size(); ++k)
+        lines.push_back({{x.at(series.points[k - 1].x), y.at(series.points[k - 1].y)},
+                         {x.at(series.points[k].x), y.at(series.points[k].y)}});
       for (std::size_t k = 0; k < series.points.size(); ++k)
         out << (k ? 'L' : 'M') << number(x.at(series.points[k].x)) << ' ' << number(y.at(series.points[k].y));
       out << "\"/>\n";
@@ -138,7 +142,7 @@ void draw_panel(const PlotPanel& panel, const std::string& x_label, const std::v
           << number(kRadius) << "\" fill=\"" << colour << "\"/>\n";
     }
   }
-  const std::vector<Box> boxes = place_labels(places, sizes, frame);
+  const std::vector<Box> boxes = place_labels(places, sizes, frame, lines);
   for (std::size_t k = 0; k < boxes.size(); ++k) {
     if (labels[k].empty()) continue;
     const Box& box = boxes[k];
@@ -155,11 +159,19 @@ void draw_panel(const PlotPanel& panel, const std::string& x_label, const std::v
 
 }  // namespace
 
-std::vector<Box> place_labels(const std::vector<std::pair<double, double>>& points,
-                              const std::vector<std::pair<double, double>>& sizes, const Box& frame) {
+std::vector<Box> place_labels(const std::vector<Place>& points, const std::vector<Place>& sizes, const Box& frame,
+                              const std::vector<std::pair<Place, Place>>& lines) {
   std::vector<Box> obstacles;
   for (const auto& [x, y] : points)
     obstacles.push_back({x - kRadius - 1, y - kRadius - 1, 2 * kRadius + 2, 2 * kRadius + 2});
+  for (const auto& [from, to] : lines) {
+    const int steps = 1 + static_cast<int>(std::hypot(to.first - from.first, to.second - from.second) / 3);
+    for (int k = 0; k <= steps; ++k) {
+      const double t = static_cast<double>(k) / steps;
+      obstacles.push_back(
+          {from.first + t * (to.first - from.first) - 1.5, from.second + t * (to.second - from.second) - 1.5, 3, 3});
+    }
+  }
   std::vector<Box> placed;
   for (std::size_t k = 0; k < points.size(); ++k) {
     const auto [x, y] = points[k];

@@ -48,10 +48,11 @@ struct Box {
 };
 
 /// Where a label of each given size (width, height) may stand beside its point: boxes inside the frame that keep clear
-/// of each other and of the points, those nearest to their points first. One that finds no such place takes the one
-/// that overlaps least.
-std::vector<Box> place_labels(const std::vector<std::pair<double, double>>& points,
-                              const std::vector<std::pair<double, double>>& sizes, const Box& frame);
+/// of each other, of the points and of the lines (from one place to another), those nearest to their points first. One
+/// that finds no such place takes the one that overlaps least.
+using Place = std::pair<double, double>;
+std::vector<Box> place_labels(const std::vector<Place>& points, const std::vector<Place>& sizes, const Box& frame,
+                              const std::vector<std::pair<Place, Place>>& lines = {});
 
 /// Ticks from `low` to `high`: on a linear axis at 1, 2 or 5 times a power of ten, at most `most`; on a logarithmic one
 /// at powers of ten, with 2 and 5 between them where there is room.

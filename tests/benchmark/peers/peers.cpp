@@ -79,8 +79,6 @@ bool run_peers(const PeersOptions& options, std::ostream& log) {
   RunStore store(options.out / "runs.json");
   const auto methods = find_methods(options, log);
   std::vector<PeerPair> pairs;
-  for (int size : options.sizes)
-    for (PeerPair& pair : phantom_pairs(size, work / "images")) pairs.push_back(std::move(pair));
   const auto has_wanted = [&](const std::string& pair) {
     return std::any_of(methods.begin(), methods.end(), [&](const auto& method) {
       return (pair + ", " + method->name()).find(options.only) != std::string::npos;
@@ -94,6 +92,8 @@ bool run_peers(const PeersOptions& options, std::ostream& log) {
     log << "no shared images in " << options.data.string()
         << ", their pairs are left out; name their folder by --data or in SALTUS_SHARED_DATA\n";
   }
+  for (int size : options.sizes)
+    for (PeerPair& pair : phantom_pairs(size, work / "images")) pairs.push_back(std::move(pair));
   for (const PeerPair& pair : pairs)
     for (int threads : options.threads)
       for (const auto& method : methods) {
@@ -214,7 +214,9 @@ ScatterPlot plot_of(const std::vector<PeerRun>& means) {
     for (const PeerRun& run : means) {
       const double *x = figure(run, "cpu_seconds"), *y = figure(run, error);
       if (run.scene != scene || run.threads != threads || !x || !y) continue;
-      if (panel.note.empty() && figure(run, before)) panel.note = "before: " + cell(run, before, 2) + " mm";
+      if (panel.note.empty())
+        panel.note =
+            figure(run, before) ? "before: " + cell(run, before, 2) + " mm" : "within 3 voxels of the interface";
       auto series = std::find_if(panel.series.begin(), panel.series.end(),
                                  [&](const PlotSeries& other) { return other.name == run.family; });
       if (series == panel.series.end()) {
@@ -236,7 +238,7 @@ ScatterPlot plot_of(const std::vector<PeerRun>& means) {
       panel_of(scene, "outside_mm", "before_outside_mm", scene + ", outside the liver");
     } else {
       panel_of(scene, "error_mm", "before_mm", scene);
-      if (figure(run, "near_mm")) panel_of(scene, "near_mm", "none", scene + ", within 3 voxels of the interface");
+      if (figure(run, "near_mm")) panel_of(scene, "near_mm", "", scene);
     }
   }
   plot.columns = plot.panels.size() > 9 ? 4 : plot.panels.size() == 4 ? 2 : 3;

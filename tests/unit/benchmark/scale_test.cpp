@@ -44,6 +44,15 @@ TEST_F(ScaleRows, ComplainOfMoreMemoryThanDeclared) {
   EXPECT_THAT(found[0].complaints[0], ::testing::HasSubstr("declares"));
 }
 
+// A run of 100 MiB at 2^3 would be one of terabytes at 64^3.
+TEST_F(ScaleRows, LeaveOutWhatWouldNotFit) {
+  const std::vector<Row> found =
+      rows("dd if=/dev/zero of=/dev/null bs=100M count=1 2>/dev/null; echo 1 1 900\n", {2, 256});
+  EXPECT_EQ(found[0].outcome, "done");
+  EXPECT_THAT(found[1].outcome, ::testing::HasSubstr("left out"));
+  EXPECT_TRUE(found[1].complaints.empty());
+}
+
 TEST_F(ScaleRows, ComplainOfARunThatFails) {
   for (const char* script : {"exit 3\n", "echo nothing\n"}) {
     const std::vector<Row> found = rows(script, {64});

@@ -57,6 +57,15 @@ TEST(PlaceLabels, StandsRightOfAPointThatHasRoom) {
   EXPECT_NEAR(boxes[0].top + 6, 100, 1);
 }
 
+TEST(PlaceLabels, KeepsClearOfLines) {
+  const std::vector<std::pair<double, double>> points = {{60, 100}, {240, 95}}, sizes = {{30, 12}, {50, 12}};
+  const std::vector<Box> boxes = place_labels(points, sizes, {0, 0, 300, 200}, {{points[0], points[1]}});
+  for (const Box& box : boxes)
+    for (int x = 60; x <= 240; ++x) {
+      EXPECT_FALSE(box.overlaps({double(x), 100 - 5.0 * (x - 60) / 180, 0.1, 0.1})) << x;
+    }
+}
+
 TEST(Ticks, AreRoundNumbers) {
   EXPECT_THAT(linear_ticks(0, 1, 6), ElementsAre(0, 0.2, 0.4, ::testing::DoubleEq(0.6), 0.8, 1));
   EXPECT_THAT(linear_ticks(0, 13.9, 6), ElementsAre(0, 5, 10));
