@@ -51,6 +51,7 @@ void add_peers(CLI::App& app, int& exit_code) {
   command->add_option("--threads", options.threads, "Each of these numbers of threads")->delimiter(',');
   command->add_option("--sizes", options.sizes, "Phantoms of so many times the voxels along each axis")->delimiter(',');
   command->add_option("--only", options.only, "Runs whose 'pair, method' contains this")->type_name("TEXT");
+  command->add_option("--publish", options.publish, "Root of the sources: puts table and plot into its documentation");
   command->add_flag("--fresh", options.is_fresh, "Measure again what was measured before");
   command->callback([&exit_code] {
     try {

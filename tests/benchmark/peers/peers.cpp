@@ -71,6 +71,10 @@ std::string cell(const PeerRun& run, const char* key, int digits) {
   return out.str();
 }
 
+std::string method_and_threads(const PeerRun& run) {
+  return run.threads == 1 ? run.method() : run.method() + ", " + std::to_string(run.threads) + " threads";
+}
+
 }  // namespace
 
 bool run_peers(const PeersOptions& options, std::ostream& log) {
@@ -127,6 +131,7 @@ bool run_peers(const PeersOptions& options, std::ostream& log) {
   print_peers(table, means);
   write_file(options.out / "table.md", table.str());
   write_file(options.out / "error_against_time.svg", to_svg(plot_of(means)));
+  if (!options.publish.empty()) publish_peers(options.publish, means);
   return std::all_of(store.runs().begin(), store.runs().end(),
                      [](const PeerRun& run) { return run.row.complaints.empty(); });
 }
@@ -196,6 +201,60 @@ void print_peers(std::ostream& out, const std::vector<PeerRun>& means) {
         << cell(run, "registration_cpu_seconds", 1) << " | " << cell(run, "wall_seconds", 1) << " | "
         << cell(run, "peak_megabytes", 0) << " |\n";
   }
+}
+
+void print_peers_summary(std::ostream& out, const std::vector<PeerRun>& means) {
+  std::vector<std::string> scenes, methods;
+  for (const PeerRun& run : means) {
+    if (std::find(scenes.begin(), scenes.end(), run.scene) == scenes.end()) scenes.push_back(run.scene);
+    if (std::find(methods.begin(), methods.end(), method_and_threads(run)) == methods.end())
+      methods.push_back(method_and_threads(run));
+  }
+  out << "| mean error, mm (/ within 3 voxels of the interface, liver: / outside it); CPU s |";
+  for (const std::string& scene : scenes) out << ' ' << scene << " |";
+  out << "\n|---|";
+  for (std::size_t k = 0; k < scenes.size(); ++k) out << "---|";
+  out << '\n';
+  for (const std::string& method : methods) {
+    out << "| " << method << " |";
+    for (const std::string& scene : scenes) {
+      const auto run = std::find_if(means.begin(), means.end(), [&](const PeerRun& each) {
+        return each.scene == scene && method_and_threads(each) == method;
+      });
+      out << ' ';
+      if (run != means.end()) {
+        out << cell(*run, "error_mm", 2);
+        const char* second = figure(*run, "outside_mm") ? "outside_mm" : "near_mm";
+        if (figure(*run, second)) out << " / " << cell(*run, second, 2);
+        out << "; " << cell(*run, "cpu_seconds", 1);
+      }
+      out << " |";
+    }
+    out << '\n';
+  }
+}
+
+void publish_peers(const std::filesystem::path& root, const std::vector<PeerRun>& means) {
+  const std::filesystem::path readme = root / "README.md", picture = "deploy/pictures/error_against_time.svg";
+  std::string text;
+  {
+    std::ifstream file(readme);
+    text.assign(std::istreambuf_iterator<char>(file), {});
+  }
+  const std::string begin = "<!-- peers -->\n", end = "<!-- end of peers -->";
+  const std::size_t from = text.find(begin), to = text.find(end);
+  if (from == std::string::npos || to == std::string::npos || to < from)
+    throw std::runtime_error(readme.string() + " has no lines '<!-- peers -->' and '<!-- end of peers -->'");
+  std::ostringstream summary, table;
+  summary << "![Error against CPU time of saltus and other programs](" << picture.string() << ")\n\n";
+  print_peers_summary(summary, means);
+  print_peers(table, means);
+  write_file(root / picture, to_svg(plot_of(means)));
+  write_file(root / "tests/benchmark/peers_table.md",
+             "# Presets beside other programs\n\nWritten by `saltus-bench peers`; what it measures is in "
+             "[README.md](README.md).\n\n" +
+                 table.str());
+  write_file(readme, text.substr(0, from + begin.size()) + summary.str() + text.substr(to));
 }
 
 ScatterPlot plot_of(const std::vector<PeerRun>& means) {

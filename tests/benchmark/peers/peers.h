@@ -21,6 +21,7 @@ struct PeersOptions {
   std::vector<int> sizes{1};
   std::string only;  ///< runs whose "pair, method" contains this
   bool is_fresh = false;
+  std::filesystem::path publish;  ///< root of the sources, whose documentation gets table and plot; empty: none
 };
 
 /// Registers every pair with every method, one after the other, those that were not measured under the same setting
@@ -34,6 +35,14 @@ std::vector<PeerRun> means_by_scene(const std::vector<PeerRun>& runs);
 
 /// A table of means_by_scene.
 void print_peers(std::ostream& out, const std::vector<PeerRun>& means);
+
+/// A row for each method, a column for each scene: "error / near or outside; CPU s".
+void print_peers_summary(std::ostream& out, const std::vector<PeerRun>& means);
+
+/// Puts picture and tables where the documentation has them: the summary between the two lines of README.md that are
+/// `<!-- peers -->` and `<!-- end of peers -->`, the whole table and the picture in files of their own. Throws
+/// std::runtime_error that names the file when it cannot be written or has no such lines.
+void publish_peers(const std::filesystem::path& root, const std::vector<PeerRun>& means);
 
 /// Error against CPU seconds, a panel for each scene (two for one with outside landmarks), of the least number of
 /// threads there is.

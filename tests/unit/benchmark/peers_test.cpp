@@ -4,6 +4,7 @@
 #include <gtest/gtest.h>
 
 #include <fstream>
+#include <iterator>
 #include <sstream>
 #include <stdexcept>
 
@@ -95,6 +96,28 @@ TEST(PrintPeers, HasARowForEachMethod) {
   print_peers(out, means);
   EXPECT_THAT(out.str(), HasSubstr("\n| slip (9.00) | saltus fast | 1 | 0.50 |"));
   EXPECT_THAT(out.str(), HasSubstr("\n|  | elastix **bad** | 1 | 1.00 |"));
+}
+
+TEST(PublishPeers, PutsTheSummaryBetweenItsLinesAndNothingElse) {
+  testing_support::TemporaryFolder folder;
+  std::filesystem::create_directories(folder / "deploy/pictures");
+  std::filesystem::create_directories(folder / "tests/benchmark");
+  PeerRun slip = run_of("slip", "slip", "saltus", "fast", 1.25, 0.5);
+  slip.row.add("near_mm", 1.5);
+  const std::vector<PeerRun> means = means_by_scene({slip, run_of("smooth", "smooth", "elastix", "", 2, 1)});
+  const auto readme = folder / "README.md";
+  std::ofstream(readme) << "nothing";
+  EXPECT_THROW(publish_peers(folder.path(), means), std::runtime_error);
+  std::ofstream(readme) << "before\n<!-- peers -->\nold\n<!-- end of peers -->\nafter\n";
+  for (int repetition = 0; repetition < 2; ++repetition) publish_peers(folder.path(), means);
+  std::ifstream file(readme);
+  const std::string text{std::istreambuf_iterator<char>(file), {}};
+  EXPECT_THAT(text, ::testing::StartsWith("before\n<!-- peers -->\n![Error"));
+  EXPECT_THAT(text, ::testing::EndsWith("|\n<!-- end of peers -->\nafter\n"));
+  EXPECT_THAT(text, HasSubstr("| saltus fast | 0.50 / 1.50; 1.2 |  |\n"));
+  EXPECT_THAT(text, HasSubstr("| elastix |  | 1.00; 2.0 |\n"));
+  EXPECT_TRUE(std::filesystem::exists(folder / "deploy/pictures/error_against_time.svg"));
+  EXPECT_TRUE(std::filesystem::exists(folder / "tests/benchmark/peers_table.md"));
 }
 
 TEST(PlotOf, HasPanelsForLandmarksOutsideAndNearTheInterface) {
