@@ -138,8 +138,9 @@ void draw_panel(const PlotPanel& panel, const std::string& x_label, const std::v
       sizes.emplace_back(text_width(point.label), point.label.empty() ? 0 : kFont + 1);
       labels.push_back(point.label);
       colours.push_back(colour);
-      out << "<circle cx=\"" << number(places.back().first) << "\" cy=\"" << number(places.back().second) << "\" r=\""
-          << number(kRadius) << "\" fill=\"" << colour << "\"/>\n";
+      if (!series.is_dashed)
+        out << "<circle cx=\"" << number(places.back().first) << "\" cy=\"" << number(places.back().second) << "\" r=\""
+            << number(kRadius) << "\" fill=\"" << colour << "\"/>\n";
     }
   }
   const std::vector<Box> boxes = place_labels(places, sizes, frame, lines);

@@ -15,7 +15,7 @@ struct PlotSeries {
   std::string name;  ///< the same name has the same colour in all panels
   std::vector<PlotPoint> points;
   bool is_connected = false;  ///< by a line, in the order of the points
-  bool is_dashed = false;
+  bool is_dashed = false;     ///< a line to compare with, whose points are not marked
 };
 
 struct PlotPanel {
