@@ -9,7 +9,7 @@ namespace {
 
 /// The shortest runs for which moments are faster, for rows of degree 0, 1 and 2, about alike for all axes. Measured
 /// with tests/benchmark/convolution_benchmark.cpp: 96^3 sites, 3 channels, float; at runs of 5 samples a value takes
-/// 1.1 to 1.4 ns either way, at 31 samples 2.4 to 2.9 ns tap by tap and 1.0 to 1.4 ns by moments.
+/// 0.9 to 1.4 ns either way, at 31 samples 2.3 to 2.8 ns tap by tap and 0.9 to 1.4 ns by moments.
 constexpr int kShortestRun[3] = {5, 4, 6};
 
 template <class T>

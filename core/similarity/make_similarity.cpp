@@ -33,7 +33,7 @@ int similarity_scratch(SimilarityType type, int dimension) {
     case SimilarityType::Mi:
       return 0;
     case SimilarityType::Lncc:
-      return 12;  // six sums, and six while they are made
+      return 12;  // six sums, and with a mask as many coefficients
     case SimilarityType::Ngf:
       return 2 * dimension;  // what comes back to the differences of both images
     case SimilarityType::Mind:
