@@ -32,11 +32,13 @@ struct StripPlace {
   }
 
  private:
-  /// copy(row, lane, place in the field, scalars), with a constant number of scalars for short pieces.
+  /// copy(row, lane, place in the field, scalars), with a constant number of scalars for short pieces and for whole
+  /// rows.
   template <class Copy>
   void each_piece(Copy&& copy) const {
     if (piece == 2) return walk(copy, std::integral_constant<int, 2>());
     if (piece == 3) return walk(copy, std::integral_constant<int, 3>());
+    if (piece == kLanes<float>) return walk(copy, std::integral_constant<int, kLanes<float>>());
     walk(copy, piece);
   }
   template <class Copy, class Length>
