@@ -19,6 +19,7 @@ constexpr auto kCallGrace = std::chrono::milliseconds(500);
 
 Daemon::Daemon(const DaemonSettings& settings, std::function<void(const std::string&)> on_broken, DaemonParts parts)
     : directory_(settings.data),
+      log_(settings.log),
       clock_(parts.clock ? std::move(parts.clock) : std::make_shared<SystemClock>()),
       disk_(parts.disk ? std::move(parts.disk) : std::make_shared<Disk>()),
       metrics_(settings.version, settings.data),
@@ -92,7 +93,7 @@ Daemon::Daemon(const DaemonSettings& settings, std::function<void(const std::str
     protected_addresses_.push_back(address.to_text());
   }
   if (local) local->set_server_address(address_);
-  metrics_.at_scrape([this] {
+  metrics_.at_scrape([this, dropped_log_lines = settings.dropped_log_lines] {
     JobReader::Totals blobs;
     rows_->read([&](JobReader& reader) { blobs = reader.blob_totals(); });
     const JobManager::Use workers = jobs_->use_of_workers();
@@ -100,8 +101,9 @@ Daemon::Daemon(const DaemonSettings& settings, std::function<void(const std::str
         {"saltusd_blobs", "Blobs that are stored", static_cast<double>(blobs.count)},
         {"saltusd_blob_bytes", "Bytes of these", static_cast<double>(blobs.bytes)},
         {"saltusd_worker_memory_bytes", "Memory of all running workers", static_cast<double>(workers.memory_bytes)},
-        {"saltusd_worker_cpu_seconds", "Processor time of all running workers, in their attempts",
-         workers.cpu_seconds}};
+        {"saltusd_worker_cpu_seconds", "Processor time of all running workers, in their attempts", workers.cpu_seconds},
+        {"saltusd_log_lines_dropped", "Log lines that are missing, because nobody has read them in time",
+         static_cast<double>(dropped_log_lines())}};
   });
   if (settings.metrics_port >= 0) metrics_port_ = metrics_.serve(settings.metrics_host, settings.metrics_port);
   thread_ = std::thread([this] { run(); });
@@ -126,6 +128,21 @@ void Daemon::wake() {
   changed_.notify_all();
 }
 
+void Daemon::watch_reserve() {
+  std::string problem;
+  try {
+    bytes_.require_room();
+  } catch (const std::exception& error) {
+    problem = error.what();
+  }
+  if (problem == reserve_problem_) return;
+  reserve_problem_ = problem;
+  if (problem.empty())
+    log_("there is room on the disk again: uploads and new jobs are taken");
+  else
+    log_({LogLine::Level::Warning, "uploads and new jobs are refused for as long as " + problem});
+}
+
 void Daemon::run() {
   SteadyTime next_ping = clock_->steady();
   std::unique_lock lock(mutex_);
@@ -140,6 +157,7 @@ void Daemon::run() {
       rpc_->ping([this](auto time) { metrics_.pinged(time); });
     }
     stalls_.cut();
+    watch_reserve();
     if (storage_.has_failed() && !is_read_only_) {
       is_read_only_ = true;
       rpc_->set_read_only();

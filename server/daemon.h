@@ -44,6 +44,7 @@ struct DaemonSettings {
   std::string metrics_host = "127.0.0.1";
   int metrics_port = -1;  ///< -1: no metrics are served; 0: a port that is free
   std::function<void(const LogLine& line)> log = [](const LogLine&) {};  ///< from any thread
+  std::function<std::uint64_t()> dropped_log_lines = [] { return 0; };   ///< so far; from any thread
 };
 
 /// What tests replace. The default of each is the real thing.
@@ -81,11 +82,14 @@ class Daemon {
  private:
   void run();
   void wake();
+  /// Tells the log when the disk's reserve is touched, and when it is whole again.
+  void watch_reserve();
 
   std::string address_;
   std::vector<std::string> protected_addresses_;
   std::shared_ptr<RolesFile> roles_;
   DataDirectory directory_;
+  const std::function<void(const LogLine&)> log_;
   const std::shared_ptr<const Clock> clock_;
   const std::shared_ptr<Disk> disk_;
   Metrics metrics_;
@@ -102,7 +106,8 @@ class Daemon {
   bool has_work_ = false;
   bool is_drained_ = false;
   bool is_closing_ = false;
-  bool is_read_only_ = false;  // own thread only
+  bool is_read_only_ = false;    // own thread only
+  std::string reserve_problem_;  // the same; "": there is room
 
   // Launcher and store call the manager from their threads until they are gone, so they go first.
   std::unique_ptr<JobManager> jobs_;

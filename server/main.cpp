@@ -68,6 +68,7 @@ DaemonSettings settings_of(const Config& config) {
   settings.reserve = config.reserve;
   settings.retention = config.retention;
   settings.log = write_log;
+  settings.dropped_log_lines = dropped_log_lines;
   settings.metrics_host = config.metrics_host;
   settings.metrics_port = config.metrics_port;
   settings.jobs.slots = config.slots;

@@ -108,12 +108,17 @@ int fsck(const ServerOptions& options) {
   return last.corrupt() + last.missing() > 0 ? JobFailed : Done;
 }
 
-/// Until no job runs; tells on standard error how many do whenever that has changed. Only asks: if somebody else takes
-/// the drain back meanwhile, it stays so.
+/// Until no job runs; tells on standard error how many do whenever that has changed. Only asks: somebody else can take
+/// the drain back meanwhile, or start the daemon again, after which nothing would end the wait. Throws then.
 void wait_until_drained(const client::CallSettings& settings) {
   client::RegistrationClient client(settings);
   for (int told = -1;; client::wait_for(settings.stop, kBetweenQuestions)) {
-    const int running = client.server_info().running_jobs();
+    const v1::ServerInfo info = client.server_info();
+    // Older daemons do not tell.
+    if (info.has_is_draining() && !info.is_draining())
+      throw std::runtime_error(
+          "the server takes jobs again: somebody has resumed it or started it anew; drain it again");
+    const int running = info.running_jobs();
     if (running == 0) return;
     if (running != std::exchange(told, running))
       std::cerr << running << (running == 1 ? " job still runs" : " jobs still run") << std::endl;

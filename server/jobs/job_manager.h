@@ -106,6 +106,7 @@ class JobManager {
   void begin_drain();
   /// While paused, jobs are refused as in a drain and no attempt is started; what runs goes on.
   void set_paused(bool is_paused);
+  bool is_paused() const { return is_paused_; }
   bool is_draining() const { return is_draining_; }
   /// All workers are gone.
   bool is_drained() const;

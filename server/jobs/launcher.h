@@ -27,7 +27,7 @@ struct WorkerExit {
 
 /// Exit codes of a worker that mean something to the daemon.
 constexpr int kOutOfMemoryExit = 6;  ///< it had no memory left, not even for telling so
-constexpr int kNoRoomExit = 7;       ///< the daemon's disk had no room for its results
+constexpr int kNoRoomExit = 7;       ///< its results found no room, on the daemon's disk or among its temporary files
 
 /// Starts and ends worker processes. Thread-safe.
 class Launcher {

@@ -38,6 +38,7 @@ void LineWriter::add(std::string line) {
   std::lock_guard lock(state_->mutex);
   if (state_->waiting.size() >= state_->limits.waiting) {
     ++state_->lost;
+    ++state_->dropped;
     return;
   }
   // Said in the order of things: what was lost came after what waits and before this line.
@@ -45,6 +46,11 @@ void LineWriter::add(std::string line) {
     state_->waiting.push_back(state_->lost_line(lost));
   state_->waiting.push_back(std::move(line));
   state_->changed.notify_all();
+}
+
+std::uint64_t LineWriter::dropped() const {
+  const std::lock_guard lock(state_->mutex);
+  return state_->dropped;
 }
 
 void LineWriter::run(const std::shared_ptr<State>& state) {

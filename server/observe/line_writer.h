@@ -33,6 +33,8 @@ class LineWriter {
 
   /// `line` with its end. Never blocks.
   void add(std::string line);
+  /// How many lines were dropped so far.
+  std::uint64_t dropped() const;
 
  private:
   struct State {
@@ -42,7 +44,8 @@ class LineWriter {
     std::mutex mutex;
     std::condition_variable changed;
     std::deque<std::string> waiting;
-    std::uint64_t lost = 0;
+    std::uint64_t lost = 0;  ///< and not yet said
+    std::uint64_t dropped = 0;
     bool is_writing = false;
     bool is_closing = false;
   };

@@ -74,18 +74,40 @@ std::string lost_line(std::uint64_t lost) {
 /// Formats, and leaves the waiting to the writer's thread.
 class QueuedSink final : public spdlog::sinks::base_sink<std::mutex> {
  public:
-  QueuedSink() : writer_(STDERR_FILENO, lost_line, {}) {}
+  QueuedSink() : writer_(std::make_unique<LineWriter>(STDERR_FILENO, lost_line, LineWriter::Limits{})) {}
+
+  void end() {
+    std::unique_ptr<LineWriter> last;  // nobody waits while it ends
+    {
+      const std::lock_guard lock(mutex_);
+      if (writer_) dropped_ = writer_->dropped();
+      last = std::move(writer_);
+    }
+  }
+  std::uint64_t dropped() {
+    const std::lock_guard lock(mutex_);
+    return writer_ ? writer_->dropped() : dropped_;
+  }
 
  private:
   void sink_it_(const spdlog::details::log_msg& message) override {
+    if (!writer_) return;
     spdlog::memory_buf_t line;
     formatter_->format(message, line);
-    writer_.add(fmt::to_string(line));
+    writer_->add(fmt::to_string(line));
   }
   void flush_() override {}
 
-  LineWriter writer_;
+  std::unique_ptr<LineWriter> writer_;
+  std::uint64_t dropped_ = 0;
 };
+
+/// Where the log goes. Threads of gRPC may write to the very end of the process, so it is never taken away.
+struct Output {
+  std::shared_ptr<QueuedSink> sink = std::make_shared<QueuedSink>();
+  spdlog::logger logger{"saltusd", sink};
+};
+std::atomic<Output*> output = nullptr;
 
 /// What gRPC finds worth an error (a stranger's failed handshake, say) is no error of the daemon.
 void write_log_of_grpc(gpr_log_func_args* arguments) {
@@ -97,22 +119,27 @@ void write_log_of_grpc(gpr_log_func_args* arguments) {
 
 void start_log(const std::string& level, LogFormat format) {
   is_json = format == LogFormat::Json;
-  const auto logger = std::make_shared<spdlog::logger>("saltusd", std::make_shared<QueuedSink>());
-  logger->set_level(spdlog::level::from_str(level));
-  if (is_json) logger->set_pattern("%v");
-  spdlog::set_default_logger(logger);
+  auto made = std::make_unique<Output>();
+  made->logger.set_level(spdlog::level::from_str(level));
+  if (is_json) made->logger.set_pattern("%v");
+  output = made.release();
   gpr_set_log_function(write_log_of_grpc);
 }
 
 void end_log() {
-  const auto nobody = std::make_shared<spdlog::logger>("saltusd");
-  spdlog::set_default_logger(nobody);
+  if (Output* const now = output) now->sink->end();
 }
 
 void write_log(const LogLine& line) {
+  Output* const now = output;
   const auto level = level_of(line.level);
-  if (!spdlog::default_logger_raw()->should_log(level)) return;
-  spdlog::default_logger_raw()->log(level, is_json ? json(line) : text(line));
+  if (!now || !now->logger.should_log(level)) return;
+  now->logger.log(level, is_json ? json(line) : text(line));
+}
+
+std::uint64_t dropped_log_lines() {
+  Output* const now = output;
+  return now ? now->sink->dropped() : 0;
 }
 
 }  // namespace saltus::server

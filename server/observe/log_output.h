@@ -2,6 +2,7 @@
 
 #include "server/observe/log_line.h"
 
+#include <cstdint>
 #include <string>
 
 namespace saltus::server {
@@ -12,11 +13,13 @@ enum class LogFormat {
 };
 
 /// Sends the log to standard error, gRPC's own too. `level`: trace, debug, info, warning, error or off. To be called
-/// before any other thread is there.
+/// once, before any other thread is there; what is written before is lost.
 void start_log(const std::string& level, LogFormat format);
-/// Waits a moment for what was written to be taken; what is written from now on is lost. When no other thread writes.
+/// Waits a moment for what was written to be taken; what is written from now on is lost. Other threads may still write.
 void end_log();
 /// From any thread. Never blocks: while nobody reads standard error, lines are dropped and counted.
 void write_log(const LogLine& line);
+/// How many lines were dropped so far.
+std::uint64_t dropped_log_lines();
 
 }  // namespace saltus::server

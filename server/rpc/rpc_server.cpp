@@ -43,10 +43,7 @@ RpcServer::RpcServer(const RpcSettings& settings, JobManager& jobs, BlobCatalog&
       blobs_(blobs, authorisation_, settings.limits.upload_bytes, pool_, transfers_, stalls),
       info_(jobs, settings.version, settings.limits),
       worker_(jobs, pool_),
-      admin_(jobs, maintenance, transfers_, stalls, [this](bool is_draining) {
-        server_->GetHealthCheckService()->SetServingStatus(v1::RegistrationService::service_full_name(),
-                                                           !is_draining && !is_read_only_);
-      }) {
+      admin_(jobs, maintenance, transfers_, stalls, [this](bool is_draining) { health_.set_draining(is_draining); }) {
   enable_extensions();
   grpc::ServerBuilder builder;
   builder.AddListeningPort(settings.address, grpc::InsecureServerCredentials(), &port_);
@@ -83,11 +80,7 @@ RpcServer::RpcServer(const RpcSettings& settings, JobManager& jobs, BlobCatalog&
   const bool is_deaf = std::find(protected_ports_.begin(), protected_ports_.end(), 0) != protected_ports_.end();
   if (!server_ || is_deaf)
     throw std::runtime_error("cannot listen on " + addresses + "; see that the address is free and may be used");
-  // gRPC answers for the whole by itself; a single service it does not know until it is told.
-  for (const char* service : {v1::RegistrationService::service_full_name(), v1::BlobService::service_full_name(),
-                              v1::ServerInfoService::service_full_name(), v1::WorkerService::service_full_name(),
-                              v1::AdminService::service_full_name()})
-    server_->GetHealthCheckService()->SetServingStatus(service, true);
+  health_.attach(*server_->GetHealthCheckService());
   self_ = v1::ServerInfoService::NewStub(server_->InProcessChannel({}));
 }
 
@@ -110,17 +103,6 @@ void RpcServer::ping(std::function<void(std::chrono::steady_clock::duration)> to
 
 RpcServer::~RpcServer() { stop(std::chrono::milliseconds(0)); }
 
-void RpcServer::set_not_serving() { server_->GetHealthCheckService()->SetServingStatus(false); }
-
-void RpcServer::set_read_only() {
-  std::lock_guard lock(mutex_);
-  if (is_stopping_) return;
-  is_read_only_ = true;
-  for (const char* service : {v1::RegistrationService::service_full_name(), v1::BlobService::service_full_name(),
-                              v1::WorkerService::service_full_name(), ""})
-    server_->GetHealthCheckService()->SetServingStatus(service, false);
-}
-
 void RpcServer::stop(std::chrono::milliseconds grace) {
   if (!server_) return;
   {
@@ -129,6 +111,7 @@ void RpcServer::stop(std::chrono::milliseconds grace) {
     is_stopping_ = true;
     ping_ended_.wait(lock, [this] { return !is_pinging_; });
   }
+  health_.detach();
   server_->Shutdown(std::chrono::system_clock::now() + grace);
   server_->Wait();
   server_.reset();

@@ -7,6 +7,7 @@
 #include "server/rpc/admin_service.h"
 #include "server/rpc/authorisation.h"
 #include "server/rpc/blob_service.h"
+#include "server/rpc/health_state.h"
 #include "server/rpc/listener.h"
 #include "server/rpc/registration_service.h"
 #include "server/rpc/server_info_service.h"
@@ -16,7 +17,6 @@
 
 #include <grpcpp/server.h>
 
-#include <atomic>
 #include <chrono>
 #include <condition_variable>
 #include <functional>
@@ -54,10 +54,9 @@ class RpcServer {
   /// end to end, on another thread. One thread at a time. Makes none once stop() has begun.
   void ping(std::function<void(std::chrono::steady_clock::duration)> told);
   /// Health becomes NOT_SERVING; calls still work.
-  void set_not_serving();
-  /// The services that write become NOT_SERVING, and so does the whole; what only reads still works. Does nothing once
-  /// stop() has begun.
-  void set_read_only();
+  void set_not_serving() { health_.set_not_serving(); }
+  /// The services that write become NOT_SERVING, and so does the whole; what only reads still works.
+  void set_read_only() { health_.set_read_only(); }
   /// Takes no new calls, gives those under way until `grace` is over, then cancels them.
   void stop(std::chrono::milliseconds grace);
 
@@ -69,8 +68,8 @@ class RpcServer {
   BlobServiceImpl blobs_;
   ServerInfoServiceImpl info_;
   WorkerServiceImpl worker_;
+  HealthState health_;
   AdminServiceImpl admin_;
-  std::atomic<bool> is_read_only_{false};
   int port_ = 0;
   std::vector<int> protected_ports_;
   std::unique_ptr<grpc::Server> server_;

@@ -15,6 +15,9 @@ class WorkFolder {
 
   const std::filesystem::path& path() const { return path_; }
 
+  /// Whether files can still be written there: tries it.
+  bool can_be_written() const;
+
   /// May be called while another thread still writes: the folder is renamed first, so that no new file appears in it.
   void remove();
 

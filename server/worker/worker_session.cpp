@@ -226,7 +226,8 @@ std::vector<std::string> register_with_checkpoints(const RegistrationTask& task,
   return run_registration_task(task, results, observe, checkpoints);
 }
 
-WorkerExit work(Lease& lease, const AttemptIdentity& identity, const std::filesystem::path& folder) {
+WorkerExit work(Lease& lease, const AttemptIdentity& identity, const WorkFolder& work_folder) {
+  const std::filesystem::path& folder = work_folder.path();
   client::BlobTransfer blobs(client::make_channel(identity.server), lease.transfer_settings());
   try {
     report_stage(lease, v1::JOB_STAGE_FETCHING);
@@ -257,6 +258,11 @@ WorkerExit work(Lease& lease, const AttemptIdentity& identity, const std::filesy
   } catch (const TaskStopped&) {
     return finish_stopped(lease);
   } catch (const TaskFailure& failure) {
+    // That says nothing about the job: with room, or on another machine, the next attempt ends it.
+    if (failure.reason() == "OUTPUT_UNWRITABLE" && !work_folder.can_be_written()) {
+      std::cerr << "saltus-worker: there is no room for temporary files: " << failure.what() << std::endl;
+      return NoRoomExit;
+    }
     failure.reason() == "MEMORY_LIMIT" ? note_memory_is_used_up() : release_reserve();
     lease.complete_failure(failure.reason(), fit_for_transport(failure.what()));
     return OutcomeReported;
@@ -326,7 +332,7 @@ WorkerExit run_attempt(const AttemptIdentity& identity) {
     std::set_terminate(report_and_end);
     exit_when_out_of_memory(OutOfMemoryExit);
     limit_process(lease.terms().limits().memory_bytes(), lease.terms().limits().cpu_seconds(), lease.terms().threads());
-    const WorkerExit exit = work(lease, identity, folder.path());
+    const WorkerExit exit = work(lease, identity, folder);
     std::set_terminate(std::abort);
     return exit;
   } catch (const client::ClientError& error) {

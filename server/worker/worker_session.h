@@ -14,7 +14,7 @@ enum WorkerExit {
   LeaseLostExit = 4,      ///< the attempt is no longer wanted
   TerminatedExit = 5,     ///< by SIGTERM, before an outcome
   OutOfMemoryExit = 6,    ///< and the daemon could not be told; it takes the code for MEMORY_LIMIT
-  NoRoomExit = 7          ///< the daemon's disk had no room for the results for as long as they could wait
+  NoRoomExit = 7          ///< no room for the results on the daemon's disk, for as long as they could wait, or here
 };
 
 /// Does one attempt from lease to outcome: fetches the inputs into a temporary folder, runs the registration, sends the

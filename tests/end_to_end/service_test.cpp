@@ -320,6 +320,20 @@ TEST_F(ServerTest, ADrainCanWaitForWhatRuns) {
   submit();
 }
 
+TEST_F(ServerTest, AWaitForADrainNoticesThatSomebodyResumes) {
+  const std::string running = submit(of_minutes());
+  {
+    ChildProcess watching = start(here({"watch", running}));
+    watching.wait_for_output("iteration");
+  }
+  ChildProcess draining = start(here({"server", "drain", "--wait"}));
+  draining.wait_for_output("1 job still runs");
+  EXPECT_EQ(run(here({"server", "drain", "--resume"})).exit_code, 0);
+  EXPECT_EQ(draining.wait(), 1);
+  EXPECT_THAT(draining.err(), HasSubstr("takes jobs again"));
+  EXPECT_EQ(run(here({"cancel", running})).exit_code, 0);
+}
+
 /// Writes into the header of a NIfTI-1 file where scanners leave names: descrip (80 bytes from byte 148) and aux_file
 /// (24 from byte 228).
 void write_names(const std::filesystem::path& file, const std::string& descrip, const std::string& aux_file) {

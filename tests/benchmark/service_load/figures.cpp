@@ -3,8 +3,10 @@
 #include <nlohmann/json.hpp>
 
 #include <algorithm>
+#include <filesystem>
 #include <fstream>
 #include <iomanip>
+#include <iterator>
 #include <numeric>
 #include <ostream>
 #include <sstream>
@@ -82,6 +84,11 @@ double resident_mebibytes(pid_t process) {
   double total = 0, resident = 0;
   std::ifstream("/proc/" + std::to_string(process) + "/statm") >> total >> resident;
   return resident * static_cast<double>(::sysconf(_SC_PAGESIZE)) / (1 << 20);
+}
+
+double open_files(pid_t process) {
+  const std::filesystem::directory_iterator files("/proc/" + std::to_string(process) + "/fd");
+  return static_cast<double>(std::distance(begin(files), end(files)));
 }
 
 double processor_seconds(pid_t process) {

@@ -48,6 +48,8 @@ class Series {
 
 /// What a process has in memory, MiB.
 double resident_mebibytes(pid_t process);
+/// How many descriptors a process has.
+double open_files(pid_t process);
 /// What a process has used of all cores so far, in seconds.
 double processor_seconds(pid_t process);
 /// What this process and all the others have used of all cores since the machine started.

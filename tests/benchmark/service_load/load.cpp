@@ -14,9 +14,11 @@
 #include <algorithm>
 #include <atomic>
 #include <chrono>
+#include <condition_variable>
 #include <cstdio>
 #include <functional>
 #include <memory>
+#include <mutex>
 #include <optional>
 #include <stdexcept>
 #include <string>
@@ -34,7 +36,7 @@ constexpr std::chrono::seconds kBetweenCollections{2};  // what has been uploade
 constexpr int kWatchersOfConnection = 25;
 constexpr int kSubmitters = 32;  // threads that submit at the same time
 
-constexpr double kPingTarget = 50, kMemoryTarget = 300, kGrowthTarget = 10, kRestartTarget = 5;
+constexpr double kPingTarget = 50, kMemoryTarget = 300, kGrowthTarget = 10, kFilesTarget = 10, kRestartTarget = 5;
 
 double seconds_since(Clock::time_point begin) { return std::chrono::duration<double>(Clock::now() - begin).count(); }
 
@@ -190,13 +192,12 @@ class Load {
   void measure_busy() {
     tell("measuring for " + std::to_string(options_.seconds) + " s");
     add("load average of the machine before", load_average(), "");
-    std::atomic<bool> is_over{false};
     std::atomic<long> events{0}, uploaded{0}, failed{0};
     std::vector<std::shared_ptr<grpc::ClientContext>> contexts;
     std::vector<std::shared_ptr<grpc::Channel>> channels;
     std::vector<std::jthread> clients;
     const auto end = [&] {
-      is_over = true;
+      for (auto& client : clients) client.request_stop();
       for (auto& context : contexts) context->TryCancel();
       clients.clear();
     };
@@ -218,33 +219,37 @@ class Load {
       });
     }
     for (int i = 0; i < options_.uploads; ++i)
-      clients.emplace_back([&, i] {
+      clients.emplace_back([&, i](const std::stop_token& stop) {
         const auto stub = v1::BlobService::NewStub(connect(address_));
         std::string data(static_cast<std::size_t>(options_.upload_mebibytes) << 20, 'x');
-        for (long n = 0; !is_over; ++n) {
+        for (long n = 0; !stop.stop_requested(); ++n) {
           const std::string mark = std::to_string(i) + " " + std::to_string(n) + " ";
           std::copy(mark.begin(), mark.end(), data.begin());
           (upload(*stub, data).ok() ? uploaded : failed) += 1;
         }
       });
-    clients.emplace_back([&] {
+    clients.emplace_back([&](const std::stop_token& stop) {
       const auto admin = v1::AdminService::NewStub(connect(address_));
-      while (!is_over) {
+      std::mutex mutex;
+      std::condition_variable_any stopped;
+      std::unique_lock lock(mutex);
+      while (!stop.stop_requested()) {
         grpc::ClientContext context;
         v1::CollectGarbageResponse response;
         if (!admin->CollectGarbage(&context, {}, &response).ok()) ++failed;
-        for (auto until = Clock::now() + kBetweenCollections; !is_over && Clock::now() < until;)
-          std::this_thread::sleep_for(kBetweenSamples);
+        stopped.wait_for(lock, stop, kBetweenCollections, [] { return false; });
       }
     });
     const double used_before = processor_seconds(daemon_->id()), busy_before = busy_seconds_of_machine();
     const double own_before = processor_seconds(::getpid());
-    Series memory_at;
+    Series memory_at, files_at;
+    const auto begin = Clock::now();
     ChildProcess pinger = start_pinger(options_.seconds);
-    for (const auto begin = Clock::now(); seconds_since(begin) < options_.seconds;) {
+    for (const testing_support::ProcessHandle pinging(pinger.id()); !pinging.ends_within(kBetweenSamples);) {
       memory_at.add(seconds_since(begin), memory());
-      std::this_thread::sleep_for(kBetweenSamples);
+      files_at.add(seconds_since(begin), open_files(daemon_->id()));
     }
+    const double seconds = seconds_since(begin);
     const double used = processor_seconds(daemon_->id()) - used_before;
     const double own = processor_seconds(::getpid()) - own_before;
     const double others = busy_seconds_of_machine() - busy_before - used - own;
@@ -253,7 +258,6 @@ class Load {
     end();
     if (failed > 0) throw std::runtime_error(std::to_string(failed) + " watchers, uploads or collections have failed");
 
-    const double seconds = options_.seconds;
     add("ping, p50", quantile(pings.times, 0.5), "ms");
     add("ping, p99", quantile(pings.times, 0.99), "ms", 1, kPingTarget);
     add("ping, longest", quantile(pings.times, 1), "ms");
@@ -265,6 +269,9 @@ class Load {
     add("memory, last quarter less second quarter", memory_at.mean_between(0.75, 1) - memory_at.mean_between(0.25, 0.5),
         "MiB", 1, kGrowthTarget);
     add("memory, slope of the second half", memory_at.slope_of_second_half(), "MiB/min");
+    add("open files of the daemon, most", files_at.most(), "", 0);
+    add("open files, last quarter less second quarter",
+        files_at.mean_between(0.75, 1) - files_at.mean_between(0.25, 0.5), "", 1, kFilesTarget);
     add("cores used by the daemon", used / seconds, "");
     add("cores used by the clients", own / seconds, "");
     add("cores used by everything else", others / seconds, "");

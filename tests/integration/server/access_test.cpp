@@ -157,6 +157,13 @@ TEST_F(Access, RefusesWhoeverHasNoCertificateOfTheAuthority) {
   EXPECT_EQ(info_over(channel_of(grpc::InsecureChannelCredentials())).error_code(), grpc::StatusCode::UNAVAILABLE);
 }
 
+TEST_F(Access, ACertificateThatNamesNobodyIsNoIdentity) {
+  serve("reader = reader\n");
+  const grpc::Status status = info_over(channel_of(authority.issue("")));
+  EXPECT_EQ(status.error_code(), grpc::StatusCode::UNAUTHENTICATED);
+  EXPECT_THAT(status.error_message(), ::testing::EndsWith(" [NO_IDENTITY]"));
+}
+
 TEST_F(Access, AnAlternativeNameCountsBeforeTheCommonName) {
   serve(
       "dr.a@hospital.example = reader\nspiffe://hospital.example/b = reader\nC = D, the third = reader\nreader = "

@@ -40,6 +40,13 @@ class Administration : public testing_support::DaemonTest {
     EXPECT_TRUE(response.is_done());
     return response;
   }
+  bool is_draining() {
+    grpc::ClientContext context;
+    v1::ServerInfo answer;
+    EXPECT_TRUE(info->GetServerInfo(&context, {}, &answer).ok());
+    EXPECT_TRUE(answer.has_is_draining());
+    return answer.is_draining();
+  }
   std::unique_ptr<v1::AdminService::Stub> admin;
 };
 
@@ -49,8 +56,10 @@ TEST_F(Administration, ADrainRefusesAndStartsNothingUntilItIsTakenBack) {
   const auto launch = launcher->wait_for_start(1);
   const auto waiting = created();
   const auto request = valid_request();
+  EXPECT_FALSE(is_draining());
   const auto drained = drain(false);
   EXPECT_TRUE(drained.is_draining());
+  EXPECT_TRUE(is_draining());
   EXPECT_EQ(drained.running_jobs(), 1);
   EXPECT_EQ(drained.queued_jobs(), 1);
   grpc::ClientContext context;

@@ -19,6 +19,7 @@ class Observed : public testing_support::DaemonTest {
   void SetUp() override {
     tune = [this](DaemonSettings& settings) {
       settings.metrics_port = 0;
+      settings.dropped_log_lines = [] { return 17; };
       settings.log = [this](const LogLine& line) {
         std::lock_guard lock(mutex);
         logged.push_back(line);
@@ -81,6 +82,7 @@ TEST_F(Observed, TheNumbersMoveAsTheyMust) {
   EXPECT_EQ(value("saltusd_jobs{state=\"queued\"}"), 1);
   EXPECT_EQ(value("saltusd_blobs"), 2);
   EXPECT_EQ(value("saltusd_blob_bytes"), 11);
+  EXPECT_EQ(value("saltusd_log_lines_dropped"), 17);
 
   v1::AcquireLeaseResponse lease;
   ASSERT_TRUE(acquire(launch, lease).ok());

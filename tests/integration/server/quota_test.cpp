@@ -97,6 +97,37 @@ TEST_F(Quotas, OfBytesThatAreOnTheServer) {
   EXPECT_EQ(upload_one("c"), "QUOTA");
 }
 
+/// Keeps what it was given to write, as a thread does that has written and not gone on yet.
+class HoldingStore final : public JobStore {
+ public:
+  explicit HoldingStore(std::unique_ptr<JobStore> real) : real_(std::move(real)) {}
+  void write(Operation operation, Done done) override {
+    {
+      const std::lock_guard lock(mutex_);
+      held_.push_back(operation);
+    }
+    real_->write(std::move(operation), std::move(done));
+  }
+  void read(const std::function<void(JobReader&)>& operation) override { real_->read(operation); }
+
+ private:
+  std::mutex mutex_;
+  std::vector<Operation> held_;
+  std::unique_ptr<JobStore> real_;
+};
+
+// Whoever has the answer has the room, too: what is stored must not count once more as on its way.
+TEST_F(Quotas, WhatIsStoredIsNoLongerOnItsWay) {
+  crash();
+  DaemonParts parts;
+  parts.wrap_store = [](std::unique_ptr<JobStore> real) { return std::make_unique<HoldingStore>(std::move(real)); };
+  start(std::move(parts));
+  be("ann");
+  EXPECT_EQ(upload_one(std::string(60, 'a')), "");
+  EXPECT_EQ(upload_one(std::string(40, 'b')), "");
+  EXPECT_EQ(upload_one("c"), "QUOTA");
+}
+
 TEST_F(Quotas, OfBytesOnTheirWay) {
   be("ann");
   const std::string large(80, 'a'), small(21, 'b');

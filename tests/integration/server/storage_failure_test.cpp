@@ -9,7 +9,9 @@
 #include <sys/mount.h>
 #include <unistd.h>
 
+#include <condition_variable>
 #include <fstream>
+#include <mutex>
 #include <sstream>
 
 namespace saltus::server {
@@ -299,6 +301,41 @@ TEST_F(StorageFailure, TheFolderIsCheckedWithoutADaemon) {
   EXPECT_FALSE(check_data_folder(folder / "data", damaged));
   EXPECT_THAT(damaged.str(), HasSubstr(digest_of("fixed") + ": damaged"));
   EXPECT_THROW(check_data_folder(folder / "nothing", std::cout), std::runtime_error);
+}
+
+// Whoever looks at the log at night is to see that the disk is full, and that it came back by itself.
+TEST_F(StorageFailure, TheLogSaysWhenTheReserveIsTouchedAndWhenThereIsRoomAgain) {
+  auto disk = std::make_shared<testing_support::FakeDisk>();
+  reserve = {0, 1000};
+  disk->total = 100000;
+  disk->available = 1000;
+  std::mutex mutex;
+  std::condition_variable changed;
+  std::vector<std::string> said;
+  tune = [&](DaemonSettings& settings) {
+    settings.log = [&](const LogLine& line) {
+      const std::lock_guard lock(mutex);
+      if (line.message.find("new jobs") != std::string::npos) said.push_back(line.message);
+      changed.notify_all();
+    };
+  };
+  const auto wait_for_lines = [&](std::size_t count) {
+    std::unique_lock lock(mutex);
+    changed.wait(lock, [&] { return said.size() >= count; });
+  };
+  DaemonParts parts;
+  parts.disk = disk;
+  start(std::move(parts));
+  disk->available = 999;
+  wait_for_lines(1);
+  disk->available = 1000;
+  wait_for_lines(2);
+  disk->available = 0;
+  wait_for_lines(3);
+  crash();
+  EXPECT_THAT(said[0], HasSubstr("refused for as long as the daemon's disk is full but for its reserve"));
+  EXPECT_THAT(said[1], HasSubstr("there is room on the disk again"));
+  EXPECT_EQ(said[2], said[0]);
 }
 
 // The last bytes are the database's: it has to end the jobs that it has.

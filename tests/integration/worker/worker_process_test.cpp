@@ -7,7 +7,11 @@
 
 #include <gmock/gmock.h>
 
+#include <sys/mount.h>
+
+#include <cerrno>
 #include <csignal>
+#include <cstring>
 
 namespace saltus::worker {
 namespace {
@@ -201,6 +205,22 @@ TEST_F(WorkerProcess, WhatComesBackAfterItsLeaseIsLostEndsWithoutOutput) {
   EXPECT_EQ(worker.wait(), 4) << worker.err();
   EXPECT_FALSE(service.outcome);
   EXPECT_TRUE(std::filesystem::is_empty(folder / "tmp"));
+}
+
+// The job is not to blame: the attempt is lost, and the next one, where there is room, ends it.
+TEST_F(WorkerProcess, WithoutRoomForTemporaryFilesTheAttemptIsLostAndTheJobIsNot) {
+  const auto place = folder / "tmp";
+  if (mount("none", place.c_str(), "tmpfs", 0, "size=64k") != 0)
+    GTEST_SKIP() << "a file system cannot be mounted here: " << std::strerror(errno);
+  struct Unmount {
+    std::filesystem::path path;
+    ~Unmount() { umount2(path.c_str(), MNT_DETACH); }
+  } unmount{place};
+  service.terms.mutable_spec()->mutable_settings()->at("max_iterations") = "3";
+  ChildProcess worker = start();
+  EXPECT_EQ(worker.wait(), 7) << worker.err();
+  EXPECT_THAT(worker.err(), HasSubstr("no room for temporary files"));
+  EXPECT_FALSE(service.outcome);
 }
 
 TEST_F(WorkerProcess, TellsWhatItUsesAndStaysWithinSmallLimits) {

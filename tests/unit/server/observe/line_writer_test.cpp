@@ -61,6 +61,7 @@ TEST_F(LineWriterTest, NobodyWaitsForAReaderAndWhatIsLostIsCounted) {
   open(100);
   constexpr int said = 10000;
   for (int i = 0; i < said; ++i) writer->add("line " + std::to_string(i) + " " + std::string(80, '.') + "\n");
+  const auto dropped = writer->dropped();
   int next = 0, lost = 0;
   for (const std::string& line : read_to_the_end()) {
     std::istringstream in(line);
@@ -78,6 +79,7 @@ TEST_F(LineWriterTest, NobodyWaitsForAReaderAndWhatIsLostIsCounted) {
   }
   EXPECT_EQ(next, said);
   EXPECT_GT(lost, said / 2);
+  EXPECT_EQ(static_cast<std::uint64_t>(lost), dropped);
 }
 
 TEST_F(LineWriterTest, ItsEndDoesNotWaitForAReaderForEver) {
