@@ -46,11 +46,15 @@ class Gate final : public grpc::AuthMetadataProcessor {
     const auto path = metadata.find(":path");
     const std::string_view method =
         path == metadata.end() ? std::string_view() : std::string_view(path->second.data(), path->second.size());
-    if (!context || !context->IsPeerAuthenticated())
-      return with_reason(
+    const Caller caller = context ? authorisation_.remote_caller(*context) : Caller{"", {}, false};
+    // gRPC takes an empty name for one, too.
+    if (!context || !context->IsPeerAuthenticated() || caller.identity.empty()) {
+      const grpc::Status status = with_reason(
           {grpc::StatusCode::UNAUTHENTICATED, "the certificate names nobody; give it an alternative or common name"},
           "NO_IDENTITY");
-    const Caller caller = authorisation_.remote_caller(*context);
+      authorisation_.tell_denied(caller, method, status);
+      return status;
+    }
     if (caller.scope(method) != Scope::None) return grpc::Status::OK;
     const grpc::Status status = with_reason(denied(caller, method), "ROLE_LACKS_RIGHT");
     authorisation_.tell_denied(caller, method, status);
