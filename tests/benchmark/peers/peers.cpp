@@ -75,6 +75,15 @@ std::string method_and_threads(const PeerRun& run) {
   return run.threads == 1 ? run.method() : run.method() + ", " + std::to_string(run.threads) + " threads";
 }
 
+using MethodOrder = std::tuple<bool, std::string, int, std::string, int>;
+
+/// This project's own first; a family from the cheapest setting to the dearest.
+MethodOrder order_of(const PeerRun& run) {
+  static const std::vector<std::string> choices{"", "fast", "balanced", "accurate"};
+  const auto effort = std::find(choices.begin(), choices.end(), run.choice) - choices.begin();
+  return {!run.family.starts_with("saltus"), run.family, static_cast<int>(effort), run.choice, run.threads};
+}
+
 }  // namespace
 
 bool run_peers(const PeersOptions& options, std::ostream& log) {
@@ -143,15 +152,11 @@ std::vector<PeerRun> means_by_scene(const std::vector<PeerRun>& runs) {
   std::vector<PeerRun> means;
   for (const std::string& scene : scenes) {
     std::set<std::string> pairs;
-    std::map<std::tuple<bool, std::string, int, std::string, int>, std::vector<const PeerRun*>> methods;
+    std::map<MethodOrder, std::vector<const PeerRun*>> methods;
     for (const PeerRun& run : runs) {
       if (run.scene != scene) continue;
       pairs.insert(run.pair);
-      // This project's own first; a family from the cheapest setting to the dearest.
-      static const std::vector<std::string> choices{"", "fast", "balanced", "accurate"};
-      const auto effort = std::find(choices.begin(), choices.end(), run.choice) - choices.begin();
-      methods[{!run.family.starts_with("saltus"), run.family, static_cast<int>(effort), run.choice, run.threads}]
-          .push_back(&run);
+      methods[order_of(run)].push_back(&run);
     }
     for (const auto& [order, same] : methods) {
       if (same.size() != pairs.size()) continue;
@@ -204,22 +209,22 @@ void print_peers(std::ostream& out, const std::vector<PeerRun>& means) {
 }
 
 void print_peers_summary(std::ostream& out, const std::vector<PeerRun>& means) {
-  std::vector<std::string> scenes, methods;
+  std::vector<std::string> scenes;
+  std::map<MethodOrder, std::string> methods;
   for (const PeerRun& run : means) {
     if (std::find(scenes.begin(), scenes.end(), run.scene) == scenes.end()) scenes.push_back(run.scene);
-    if (std::find(methods.begin(), methods.end(), method_and_threads(run)) == methods.end())
-      methods.push_back(method_and_threads(run));
+    methods[order_of(run)] = method_and_threads(run);
   }
   out << "| mean error, mm (/ within 3 voxels of the interface, liver: / outside it); CPU s |";
   for (const std::string& scene : scenes) out << ' ' << scene << " |";
   out << "\n|---|";
   for (std::size_t k = 0; k < scenes.size(); ++k) out << "---|";
   out << '\n';
-  for (const std::string& method : methods) {
+  for (const auto& [order, method] : methods) {
     out << "| " << method << " |";
     for (const std::string& scene : scenes) {
-      const auto run = std::find_if(means.begin(), means.end(), [&](const PeerRun& each) {
-        return each.scene == scene && method_and_threads(each) == method;
+      const auto run = std::find_if(means.begin(), means.end(), [&, &order = order](const PeerRun& each) {
+        return each.scene == scene && order_of(each) == order;
       });
       out << ' ';
       if (run != means.end()) {
