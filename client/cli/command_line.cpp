@@ -4,6 +4,7 @@
 #include "client/cli/command.h"
 #include "client/cli/command_tree.h"
 #include "client/cli/delete_command.h"
+#include "client/cli/dirlab_command.h"
 #include "client/cli/evaluate_command.h"
 #include "client/cli/fetch_command.h"
 #include "client/cli/get_command.h"
@@ -81,6 +82,7 @@ int run_command_line(int argument_count, const char* const* arguments) {
   add_warp_command(app, exit_code);
   add_evaluate_command(app, exit_code);
   add_phantom_command(app, exit_code);
+  add_dirlab_command(app, exit_code);
   add_server_command(app, exit_code);
   add_completion_command(app, exit_code);
   add_manual_command(app, exit_code);

@@ -257,7 +257,10 @@ std::string list_progress(std::size_t number, std::size_t count, double fraction
 }
 
 int register_pairs(const PairsRequest& request) {
-  const std::vector<Pair> pairs = read_pairs(request.pairs, request.job);
+  return register_pairs(read_pairs(request.pairs, request.job), request);
+}
+
+int register_pairs(const std::vector<Pair>& pairs, const PairsRequest& request) {
   // A night's work is not begun when one of its pairs cannot be done.
   for (const Pair& pair : pairs) {
     try {
@@ -321,7 +324,9 @@ int register_pairs(const PairsRequest& request) {
     return Cancelled;
   }
   write_summary(outcomes, request.out);
-  if (request.as_json) {
+  if (request.output == PairsOutput::Silent) {
+    // The caller has a table of its own.
+  } else if (request.as_json) {
     nlohmann::json list = nlohmann::json::array();
     for (const Outcome& outcome : outcomes) {
       nlohmann::json one{{"name", outcome.pair->name}, {"state", outcome.state}};

@@ -22,12 +22,16 @@ struct Pair {
 /// one that is no folder's name, and files given by `common` and by the list.
 std::vector<Pair> read_pairs(const std::filesystem::path& file, const JobOptions& common);
 
+/// Whether a list tells at its end what was done, or leaves that to its caller.
+enum class PairsOutput { Summary, Silent };
+
 struct PairsRequest {
   JobOptions job;
   ServerChoice server;
   std::string pairs;
   std::filesystem::path out;
   bool as_json = false;
+  PairsOutput output = PairsOutput::Summary;
 };
 
 /// Registers them one after the other, each into a folder of its name below `out`. A pair that is done, from the same
@@ -35,6 +39,9 @@ struct PairsRequest {
 /// pair that fails does not stop the others. Writes `out`/summary.csv, a line a pair, after each. The exit code: Done
 /// when all pairs are done, Cancelled when interrupted, else JobFailed.
 int register_pairs(const PairsRequest& request);
+
+/// The same with pairs that are made already; `request.pairs` is not read.
+int register_pairs(const std::vector<Pair>& pairs, const PairsRequest& request);
 
 /// "pair 3 of 12, 45 %, 7:30 min left in all": how far a list is. `seconds_left` of the pair that runs and
 /// `seconds_a_pair`, the mean of those done by now, are negative while unknown.
