@@ -245,7 +245,9 @@ class Load {
     Series memory_at, files_at;
     const auto begin = Clock::now();
     ChildProcess pinger = start_pinger(options_.seconds);
-    for (const testing_support::ProcessHandle pinging(pinger.id()); !pinging.ends_within(kBetweenSamples);) {
+    // What it prints at its end is read afterwards, and may be more than fits into a pipe: it is not waited for here.
+    const testing_support::ProcessHandle pinging(pinger.id());
+    while (seconds_since(begin) < options_.seconds && !pinging.ends_within(kBetweenSamples)) {
       memory_at.add(seconds_since(begin), memory());
       files_at.add(seconds_since(begin), open_files(daemon_->id()));
     }
