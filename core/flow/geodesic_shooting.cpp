@@ -33,8 +33,9 @@ GeodesicShooting<Dim, T>::SharedLattice::SharedLattice(const Lattice<Dim>& latti
 
 template <int Dim, class T>
 GeodesicShooting<Dim, T>::GeodesicShooting(std::vector<MomentumScale<Dim, T>*> scales,
-                                           const Lattice<Dim>& velocity_lattice, int time_steps, Evolution evolution)
-    : lattice_(velocity_lattice), time_steps_(time_steps) {
+                                           const Lattice<Dim>& velocity_lattice, int time_steps, Evolution evolution,
+                                           int map_steps)
+    : lattice_(velocity_lattice), time_steps_(time_steps), map_steps_(map_steps) {
   for (MomentumScale<Dim, T>* scale : scales) {
     const auto found = std::find_if(lattices_.begin(), lattices_.end(),
                                     [&](const auto& shared) { return shared->lattice == scale->lattice(); });
@@ -69,7 +70,7 @@ GeodesicShooting<Dim, T>::GeodesicShooting(std::vector<MomentumScale<Dim, T>*> s
     state.velocity.resize(scale->field_size());
     states_.push_back(std::move(state));
   }
-  velocities_.assign(time_steps + 1, Field<T>(Dim * velocity_lattice.sites()));
+  velocities_.assign(nodes(), Field<T>(Dim * velocity_lattice.sites()));
 }
 
 template <int Dim, class T>
@@ -130,13 +131,49 @@ void GeodesicShooting<Dim, T>::finish_velocity(Field<T>& velocity) {
   }
 }
 
+/// v at the nodes within the steps, from those at their ends.
+template <int Dim, class T>
+void GeodesicShooting<Dim, T>::fill_between_steps() {
+  const std::size_t count = velocities_[0].size();
+  for (int k = 0; k < time_steps_; ++k)
+    for (int part = 1; part < map_steps_; ++part) {
+      const T share = static_cast<T>(part) / static_cast<T>(map_steps_);
+      const T* before = velocities_[end_of_step(k)].data();
+      const T* after = velocities_[end_of_step(k + 1)].data();
+      T* between = velocities_[end_of_step(k) + part].data();
+#pragma omp parallel for simd schedule(static)
+      for (std::size_t i = 0; i < count; ++i) between[i] = (1 - share) * before[i] + share * after[i];
+    }
+}
+
+/// Its transpose, in place.
+template <int Dim, class T>
+void GeodesicShooting<Dim, T>::gather_between_steps(std::vector<Field<T>>& velocity_duals) const {
+  const std::size_t count = velocity_duals[0].size();
+  for (int k = 0; k < time_steps_; ++k)
+    for (int part = 1; part < map_steps_; ++part) {
+      const T share = static_cast<T>(part) / static_cast<T>(map_steps_);
+      const T* between = velocity_duals[end_of_step(k) + part].data();
+      T* before = velocity_duals[end_of_step(k)].data();
+      T* after = velocity_duals[end_of_step(k + 1)].data();
+#pragma omp parallel for simd schedule(static)
+      for (std::size_t i = 0; i < count; ++i) {
+        before[i] += (1 - share) * between[i];
+        after[i] += share * between[i];
+      }
+    }
+}
+
 template <int Dim, class T>
 void GeodesicShooting<Dim, T>::shoot(const std::vector<MomentumPointers<T>>& momenta, const ActiveBlocks<Dim>& blocks) {
   const T dt = T(1) / static_cast<T>(time_steps_);
   blocks_ = blocks;
   choose_sites();
   for (auto& shared : lattices_) std::fill(shared->sum.begin(), shared->sum.end(), T(0));
-  for (Field<T>& velocity : velocities_) std::fill(velocity.begin(), velocity.end(), T(0));
+  for (int k = 0; k <= time_steps_; ++k) {
+    Field<T>& velocity = velocities_[end_of_step(k)];
+    std::fill(velocity.begin(), velocity.end(), T(0));
+  }
   for (std::size_t s = 0; s < states_.size(); ++s)
     add_velocity(states_[s], momenta[s].zeroth, momenta[s].first, at_start(s, momenta_of(s)), velocities_[0]);
   finish_velocity(velocities_[0]);
@@ -144,7 +181,7 @@ void GeodesicShooting<Dim, T>::shoot(const std::vector<MomentumPointers<T>>& mom
   for (int k = 0; k < time_steps_; ++k) {
     for (auto& shared : lattices_) {
       advance<Dim, T>(shared->lattice, shared->moved, pointer(shared->position[k]), pointer(shared->position[k]),
-                      lattice_, velocities_[k].data(), dt, shared->predicted[k + 1].data());
+                      lattice_, velocities_[end_of_step(k)].data(), dt, shared->predicted[k + 1].data());
       shared->sites.move(shared->predicted[k + 1].data(), shared->acting);
     }
     for (std::size_t s = 0; s < states_.size(); ++s) {
@@ -154,18 +191,19 @@ void GeodesicShooting<Dim, T>::shoot(const std::vector<MomentumPointers<T>>& mom
       const MomentumMasks<Dim> reached = state.transport->reached(state.shared->sites, start);
       state.transport->push(state.shared->sites, momenta[s].zeroth, momenta[s].first, start, reached,
                             state.zeroth.data(), state.first.data());
-      add_velocity(state, state.zeroth.data(), pointer(state.first), reached, velocities_[k + 1]);
+      add_velocity(state, state.zeroth.data(), pointer(state.first), reached, velocities_[end_of_step(k + 1)]);
     }
-    finish_velocity(velocities_[k + 1]);
+    finish_velocity(velocities_[end_of_step(k + 1)]);
     if (k + 1 == time_steps_) break;
     for (auto& shared : lattices_) {
       T* next = shared->position[k + 1].data();
       advance<Dim, T>(shared->lattice, shared->moved, pointer(shared->position[k]), pointer(shared->position[k]),
-                      lattice_, velocities_[k].data(), dt / 2, next);
+                      lattice_, velocities_[end_of_step(k)].data(), dt / 2, next);
       advance<Dim, T>(shared->lattice, shared->moved, next, shared->predicted[k + 1].data(), lattice_,
-                      velocities_[k + 1].data(), dt / 2, next);
+                      velocities_[end_of_step(k + 1)].data(), dt / 2, next);
     }
   }
+  fill_between_steps();
 }
 
 template <int Dim, class T>
@@ -192,6 +230,7 @@ void GeodesicShooting<Dim, T>::adjoint(const std::vector<MomentumPointers<T>>& m
                                        const std::vector<MomentumTargets<T>>& preconditioned) {
   const T dt = T(1) / static_cast<T>(time_steps_);
   for (auto& shared : lattices_) shared->acting.clear(shared->lattice, Dim, shared->position_dual.data());
+  gather_between_steps(velocity_duals);
 
   for (int k = time_steps_; k >= 0; --k) {
     // Corrector X_k = X_{k-1} + dt/2 (v_{k-1}(X_{k-1}) + v_k(predicted_k)): the part that needs v_k. No X_N exists.
@@ -200,14 +239,15 @@ void GeodesicShooting<Dim, T>::adjoint(const std::vector<MomentumPointers<T>>& m
       shared->acting.clear(shared->lattice, Dim, shared->predicted_dual.data());
       if (k < time_steps_)
         advance_adjoint<Dim, T>(shared->lattice, shared->acting, shared->predicted[k].data(), lattice_,
-                                velocities_[k].data(), dt / 2, shared->position_dual.data(), shared->sites.plan(),
-                                velocity_duals[k].data(), shared->predicted_dual.data());
+                                velocities_[end_of_step(k)].data(), dt / 2, shared->position_dual.data(),
+                                shared->sites.plan(), velocity_duals[end_of_step(k)].data(),
+                                shared->predicted_dual.data());
     }
+    const T* all_of_velocity_dual = velocity_duals[end_of_step(k)].data();
     // v_k is used nowhere else: its dual is complete.
     for (auto& shared : lattices_) {
       if (shared->moved.is_empty()) continue;
-      if (!shared->restricted.empty())
-        shared->prolongation.transpose(velocity_duals[k].data(), shared->restricted.data());
+      if (!shared->restricted.empty()) shared->prolongation.transpose(all_of_velocity_dual, shared->restricted.data());
       if (k == 0) continue;
       shared->sites.move(shared->predicted[k].data(), shared->moved);
       shared->sites.begin_adjoint(shared->acting);
@@ -220,7 +260,7 @@ void GeodesicShooting<Dim, T>::adjoint(const std::vector<MomentumPointers<T>>& m
       const AxisBlocks<Dim> wanted = wanted_of(s);
       const MomentumMasks<Dim> masks = k == 0 ? at_start(s, wanted) : state.transport->reached(shared.sites, wanted);
       if (masks.is_empty()) continue;
-      const T* velocity_dual = shared.restricted.empty() ? velocity_duals[k].data() : shared.restricted.data();
+      const T* velocity_dual = shared.restricted.empty() ? all_of_velocity_dual : shared.restricted.data();
       T* first_dual = state.first.empty() ? nullptr : state.first.data();
       state.scale->synthesise_transpose(velocity_dual, masks, state.zeroth.data(), first_dual);
       const T per_volume = static_cast<T>(1 / lattice.cell_volume());
@@ -254,8 +294,8 @@ void GeodesicShooting<Dim, T>::adjoint(const std::vector<MomentumPointers<T>>& m
         }
       });
       advance_adjoint<Dim, T>(shared->lattice, shared->acting, pointer(shared->position[k - 1]), lattice_,
-                              velocities_[k - 1].data(), dt, through_velocity, shared->sites.plan(),
-                              velocity_duals[k - 1].data(), position_dual);
+                              velocities_[end_of_step(k - 1)].data(), dt, through_velocity, shared->sites.plan(),
+                              velocity_duals[end_of_step(k - 1)].data(), position_dual);
     }
   }
 }

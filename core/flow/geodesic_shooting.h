@@ -33,27 +33,30 @@ struct ActiveBlocks {
 /// The geodesic that starts with given momenta, and its exact discrete adjoint.
 ///
 /// Time is cut into `time_steps` equal steps. Momenta are transported in closed form (coadjoint_transport.h), each
-/// scale by its own sites; v(t_k) is the sum over scales on the velocity lattice. Sites move with Heun's rule: the
-/// velocity of the next node is made from the predicted positions, so one synthesis a step gives second order. Scales
-/// on one lattice share its sites; where none of them has an order 0, only sites around active blocks move.
-/// Memory: (time_steps + 1) velocity fields, 2 time_steps displacement fields for each lattice.
+/// scale by its own sites; v at the steps' ends is the sum over scales on the velocity lattice. Sites move with Heun's
+/// rule: the velocity of the next end is made from the predicted positions, so one synthesis a step gives second order.
+/// Scales on one lattice share its sites; where none of them has an order 0, only sites around active blocks move.
+///
+/// Maps may need shorter steps than momenta: x - dt v(x) is one to one only where dt |D v| < 1. So each step is cut
+/// into `map_steps`, between whose ends v is linear in time, at the cost of a mean instead of a synthesis.
+/// Memory: (time_steps map_steps + 1) velocity fields, 2 time_steps displacement fields for each lattice.
 template <int Dim, class T>
 class GeodesicShooting {
  public:
   /// Scales stay owned by the caller and must outlive this.
   GeodesicShooting(std::vector<MomentumScale<Dim, T>*> scales, const Lattice<Dim>& velocity_lattice, int time_steps,
-                   Evolution evolution);
+                   Evolution evolution, int map_steps = 1);
 
   /// Called several times in each shoot and adjoint; may throw, which leaves this ready for another shoot.
   void on_work(std::function<void()> poll) { poll_ = std::move(poll); }
 
-  int time_steps() const { return time_steps_; }
+  int nodes() const { return time_steps_ * map_steps_ + 1; }  ///< at which there are velocities
   const Lattice<Dim>& velocity_lattice() const { return lattice_; }
 
   /// Fills the velocities of all nodes. `blocks` must live until the adjoint is done.
   void shoot(const std::vector<MomentumPointers<T>>& momenta, const ActiveBlocks<Dim>& blocks = {});
 
-  /// v(t_k), k = 0..time_steps, interleaved, mm per unit time.
+  /// v(t_k), k = 0..time_steps * map_steps, t_k evenly spaced over [0,1], interleaved, mm per unit time.
   const std::vector<Field<T>>& velocities() const { return velocities_; }
 
   /// Sum over scales of 1/2 (rho | K rho) of the transported momenta at every node of the last shoot, which must have
@@ -95,10 +98,14 @@ class GeodesicShooting {
   void add_velocity(ScaleState& state, const T* zeroth, const T* first, const MomentumMasks<Dim>& at,
                     Field<T>& velocity);
   void finish_velocity(Field<T>& velocity);
+  /// v at the end of a step, among the velocities of all nodes.
+  std::size_t end_of_step(int k) const { return static_cast<std::size_t>(k) * map_steps_; }
+  void fill_between_steps();
+  void gather_between_steps(std::vector<Field<T>>& velocity_duals) const;
   void choose_sites();
 
   Lattice<Dim> lattice_;
-  int time_steps_;
+  int time_steps_, map_steps_;
   std::vector<std::unique_ptr<SharedLattice>> lattices_;
   std::vector<ScaleState> states_;
   std::vector<Field<T>> velocities_;

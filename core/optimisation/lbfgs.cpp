@@ -226,9 +226,10 @@ MinimiseSummary minimise(Objective<T>& objective, const MinimiseOptions& options
       return ended(MinimiseTermination::Converged);
     }
     if (done >= 5 && state.revised_at != done) {
-      const double recent = state.energies[done - 5] - energy, whole = state.energies[0] - energy;
+      const double recent = state.energies[done - 5] - energy,
+                   whole = options.decrease_before + state.energies[0] - energy;
       if (recent <= options.tolerance * whole) {
-        if (joins_here(done)) continue;
+        if (done - state.looked_at > kFirstLookGap && joins_here(done)) continue;
         return ended(MinimiseTermination::Settled);
       }
     }

@@ -12,6 +12,7 @@ namespace saltus {
 struct MinimiseOptions {
   int max_iterations = 60;
   double tolerance = 1e-3;          ///< ends when five iterations give less than this share of the whole decrease
+  double decrease_before = 0;       ///< that a run before this one brought, and that is part of the whole
   double optimality_tolerance = 0;  ///< ends when the optimality residual falls to this share of its reference
   double optimality_reference = 0;  ///< residual that others are shares of; 0: that at the start
   int history = 6;
@@ -80,8 +81,9 @@ struct MinimiserState {
 /// working set after each step; pairs hold 0 for unknowns that they were made without, which leaves s . y as it is.
 /// What is outside the working set is looked at after five iterations, then after ten more and so on up to forty, after
 /// five again once a look changed the set, and before a run ends for any reason but its limit or being stopped: one
-/// that converges does so where nothing more wants to take part. `accepted` is called after each accepted step, when
-/// the state is complete, and says whether to go on.
+/// that converges does so where nothing more wants to take part. One that settles may end as it is when the last look
+/// is no more than five iterations back: what joined there has not brought enough either. `accepted` is called after
+/// each accepted step, when the state is complete, and says whether to go on.
 ///
 /// A state that has begun goes on after its last step, of which `accepted` is not told again; the summary counts from
 /// the beginning. When the objective throws, the state is still that of the last accepted step. Throws NumericalFailure

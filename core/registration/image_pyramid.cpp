@@ -145,6 +145,7 @@ MatchingLevel<Dim, float> ImagePyramid<Dim>::make_level(int level, double smooth
   made.similarity_weight = similarity_weight(level);
   made.divergence_weight = divergence_weight(level);
   made.time_steps = options_.flow.time_steps;
+  made.map_steps = options_.flow.map_steps;
   made.evolution = options_.flow.evolution;
   return made;
 }

@@ -31,8 +31,8 @@ MatchingObjective<Dim, T>::MatchingObjective(std::vector<MomentumScale<Dim, T>*>
     : scales_(scales),
       level_(level),
       similarity_(std::move(similarity)),
-      shooting_(scales, level.lattice, level.time_steps, level.evolution),
-      map_(level.lattice, level.lattice, level.time_steps) {
+      shooting_(scales, level.lattice, level.time_steps, level.evolution, level.map_steps),
+      map_(level.lattice, level.lattice, level.time_steps * level.map_steps) {
   for (const MomentumScale<Dim, T>* scale : scales_) {
     FirstOrder& first = first_.emplace_back();
     first.range = sparsity_.size();
@@ -59,7 +59,7 @@ MatchingObjective<Dim, T>::MatchingObjective(std::vector<MomentumScale<Dim, T>*>
   const std::size_t sites = level.lattice.sites();
   image_dual_.resize(sites);
   displacement_dual_.resize(Dim * sites);
-  velocity_duals_.assign(level.time_steps + 1, Field<T>(Dim * sites));
+  velocity_duals_.assign(shooting_.nodes(), Field<T>(Dim * sites));
   if (!level.moving_weights.samples.empty()) weight_dual_.resize(sites);
   warp_level<Dim, T>(level, displacement_dual_, warped_, weights_);  // the dual is still 0: at rest
   similarity_->prepare(level.fixed.data(), warped_.data(), weights_.empty() ? nullptr : weights_.data());
@@ -110,7 +110,8 @@ bool MatchingObjective<Dim, T>::has_all_blocks(const FirstOrder& first) const {
 
 template <int Dim, class T>
 bool MatchingObjective<Dim, T>::has_more() const {
-  return !std::all_of(first_.begin(), first_.end(), [&](const FirstOrder& first) { return has_all_blocks(first); });
+  return lets_blocks_join_ &&
+         !std::all_of(first_.begin(), first_.end(), [&](const FirstOrder& first) { return has_all_blocks(first); });
 }
 
 /// The active blocks by scale and axis; m_w along a direction is spread to all axes of its sites.
@@ -329,6 +330,7 @@ double MatchingObjective<Dim, T>::active_block_share() const {
 
 template <int Dim, class T>
 void MatchingObjective<Dim, T>::weigh(const SparsityRound& round, const std::vector<T>& x) {
+  lets_blocks_join_ = round.lets_blocks_join;
   for (std::size_t s = 0; s < scales_.size(); ++s) {
     if (first_[s].fields == 0) continue;
     const Lattice<Dim>& lattice = scales_[s]->lattice();
@@ -351,13 +353,15 @@ void MatchingObjective<Dim, T>::weigh(const SparsityRound& round, const std::vec
 }
 
 template <int Dim, class T>
-void MatchingObjective<Dim, T>::restore_weights(const std::vector<std::vector<float>>& factors) {
+void MatchingObjective<Dim, T>::restore_weights(const SparsityRound& round,
+                                                const std::vector<std::vector<float>>& factors) {
   bool fits = factors.size() == sparsity_.size();
   for (std::size_t r = 0; fits && r < factors.size(); ++r)
     fits = factors[r].empty() || factors[r].size() == blocks_[r].all_sites();
   if (!fits)
     throw InvalidInput("the sparsity factors are " + std::to_string(factors.size()) + " lists for " +
                        std::to_string(sparsity_.size()) + " fields of first-order momenta, or of other lengths");
+  lets_blocks_join_ = round.lets_blocks_join;
   factors_ = factors;
   gather_factors();
 }
@@ -410,8 +414,8 @@ Evaluation MatchingObjective<Dim, T>::evaluate(const std::vector<T>& x, std::vec
   }
   for (Field<T>& dual : velocity_duals_) std::fill(dual.begin(), dual.end(), T(0));
   if (level_.divergence_weight > 0)
-    for (int k = 0; k <= level_.time_steps; ++k) {
-      const double share = (k == 0 || k == level_.time_steps ? 0.5 : 1.0) / level_.time_steps;  // trapezoidal rule
+    for (int k = 0, last = shooting_.nodes() - 1; k <= last; ++k) {
+      const double share = (k == 0 || k == last ? 0.5 : 1.0) / last;  // trapezoidal rule
       parts_.regularisation +=
           add_divergence_penalty<Dim, T>(level_.lattice, shooting_.velocities()[k].data(),
                                          level_.divergence_weight * share, velocity_duals_[k].data());

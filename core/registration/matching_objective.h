@@ -30,7 +30,7 @@ struct MatchingLevel {
   FramedImage<Dim, T> moving_weights;  ///< no samples: 1 everywhere
   double similarity_weight = 1;
   double divergence_weight = 0;  ///< of 1/2 integral |div v|^2 over space and time
-  int time_steps = 4;
+  int time_steps = 4, map_steps = 1;
   Evolution evolution = Evolution::Exact;
 };
 
@@ -60,7 +60,7 @@ class MatchingObjective final : public Objective<T> {
   double first_step(const std::vector<T>& direction) override;
   const std::vector<GroupSparsity>& sparsity() const override { return sparsity_; }
   bool has_more() const override;
-  void look_everywhere(bool everywhere) override { looks_everywhere_ = everywhere; }
+  void look_everywhere(bool everywhere) override { looks_everywhere_ = everywhere && lets_blocks_join_; }
   bool revise(MinimiserState<T>& state) override;
 
   /// Numbers of the active blocks of each order-1 field, in x's order.
@@ -78,12 +78,12 @@ class MatchingObjective final : public Objective<T> {
   const std::vector<Field<T>>& velocities(const std::vector<T>& x);
   std::vector<double> hamiltonians(const std::vector<T>& x);
 
-  /// Sets the sparsity weights for a round that starts from x.
+  /// Sets the sparsity weights for a round that starts from x, and whether blocks may join in it.
   void weigh(const SparsityRound& round, const std::vector<T>& x);
   /// The factors made by `weigh`, for all sites of each order-1 field (empty: 1 each).
   const std::vector<std::vector<float>>& weights() const { return factors_; }
-  /// Puts back what `weights` gave. Throws InvalidInput when they do not fit.
-  void restore_weights(const std::vector<std::vector<float>>& factors);
+  /// Puts back what `weights` gave in this round. Throws InvalidInput when they do not fit.
+  void restore_weights(const SparsityRound& round, const std::vector<std::vector<float>>& factors);
 
   /// Leave out component i of m_i: such a momentum can only shear (no gradient, so it stays 0).
   void keep_shear_only() { shear_only_ = true; }
@@ -126,7 +126,7 @@ class MatchingObjective final : public Objective<T> {
   std::size_t size_ = 0;
   EnergyParts parts_;
   bool shear_only_ = false;
-  bool looks_everywhere_ = true;
+  bool lets_blocks_join_ = true, looks_everywhere_ = true;
   std::function<void(double)> on_work_;
   int polls_ = 0;
   std::vector<T> warped_, weights_, image_dual_, weight_dual_;

@@ -13,7 +13,7 @@ std::size_t memory_estimate(const ImageGrid<Dim>& fixed, const ImageGrid<Dim>& m
   const Lattice<Dim> image = lattice_of(fixed);
   const RegistrationOptions options = resolved(asked, image);
   const double full = static_cast<double>(fixed.voxels()), full_moving = static_cast<double>(moving.voxels());
-  const double nodes = options.flow.time_steps + 1;
+  const double nodes = options.flow.time_steps * options.flow.map_steps + 1;
   constexpr double vector = Dim * sizeof(float), scalar = sizeof(float);
   const double similarity = scalar * similarity_scratch(options.similarity, Dim);
 

@@ -109,7 +109,7 @@ RegistrationOptions default_options(Model model, SimilarityType similarity, Pres
       // Tissue hardly changes its volume but moves far: little weight on the momenta, much on the divergence.
       o.momenta.regularisation = 1e-4;
       o.momenta.first_order_regularisation = 1e-3;
-      o.momenta.sparsity = 1e-2;
+      o.momenta.sparsity = 5e-2;
       o.flow.divergence_weight = 1;
       break;
     case SimilarityType::Ngf:
@@ -141,6 +141,14 @@ RegistrationOptions default_options(Model model, SimilarityType similarity, Pres
       o.optimisation.max_iterations = 300;
       o.optimisation.tolerance = 1e-3;
       break;
+  }
+  if (similarity != SimilarityType::Ssd) {
+    // All but ssd balance: a long tail of iterations fits what is noise, and momenta hardly turn within a step. Maps
+    // take two steps all the same, or strongly compressed places fold.
+    o.flow.time_steps = preset == Preset::Accurate ? 2 : 1;
+    o.flow.map_steps = 2;
+    o.optimisation.tolerance *= 4;
+    o.momenta.first_order_waits = model == Model::Sliding;
   }
   return o;
 }

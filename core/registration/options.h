@@ -46,15 +46,17 @@ struct RegistrationOptions {
     double first_order_regularisation = 0.01;  ///< weight of 1/2 ||v_i||^2, per mm^2
     double sparsity = 0;                       ///< lambda of the group L1 on a_1 m_i (a velocity), per mm
     int sparsity_path = 1;  ///< weights lambda 2^(n-1), ..., lambda that a level is solved with, one after the other
-    int reweighted_rounds = 0;      ///< times that a level is solved again with weights made from the momenta found
-    bool debias = false;            ///< a last round without sparsity on the momenta found
-    std::vector<double> direction;  ///< of the derivative of model directional: a unit vector, world (LPS)
-    bool shear_only = false;        ///< drop component i of m_i, so that a jump can only slide
+    int reweighted_rounds = 0;       ///< times that a level is solved again with weights made from the momenta found
+    bool debias = false;             ///< a last round without sparsity on the momenta found
+    std::vector<double> direction;   ///< of the derivative of model directional: a unit vector, world (LPS)
+    bool first_order_waits = false;  ///< on each level order 0 settles before first-order momenta appear
+    bool shear_only = false;         ///< drop component i of m_i, so that a jump can only slide
   } momenta;
 
   struct Flow {
     Evolution evolution = Evolution::Carried;
     int time_steps = 4;
+    int map_steps = 1;             ///< steps of the map in each time step, see flow/geodesic_shooting.h
     double divergence_weight = 0;  ///< of 1/2 integral |div v|^2 over space and time: holds back opening and overlap
   } flow;
 

@@ -259,6 +259,10 @@ const std::vector<Parameter>& parameters() {
           "1,0,0; none when a field of directions is given",
           [](O & o) -> auto& { return o.momenta.direction; }),
       boolean(
+          "first_order_waits",
+          "on each level let order 0 settle before first-order momenta appear, so that they are few",
+          [](O & o) -> auto& { return o.momenta.first_order_waits; }),
+      boolean(
           "shear_only", "leave out the component of m_i along axis i, so that a jump can only slide",
           [](O & o) -> auto& { return o.momenta.shear_only; }),
       choice(
@@ -267,6 +271,9 @@ const std::vector<Parameter>& parameters() {
           [](O & o) -> auto& { return o.flow.evolution; }),
       integer(
           "time_steps", "", 1, 64, "steps of the flow over [0,1]", [](O & o) -> auto& { return o.flow.time_steps; }),
+      integer(
+          "map_steps", "", 1, 16, "steps of the map in each time step; the velocity is linear in time over them",
+          [](O & o) -> auto& { return o.flow.map_steps; }),
       real(
           "divergence_weight", "", 0, Lower::Inclusive, inf,
           "weight of the divergence of the velocity, which leaves sliding free and holds back opening and overlap",

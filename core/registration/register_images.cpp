@@ -243,13 +243,17 @@ RegistrationResult<Dim> register_images(const RegistrationInput<Dim>& input, con
     try {
       for (std::size_t round = is_resumed ? level_summary.rounds - 1 : 0; round < rounds.size(); ++round) {
         if (is_resumed) {
-          objective->restore_weights(reached.sparsity_factors);
+          objective->restore_weights(rounds[round], reached.sparsity_factors);
           is_resumed = false;
         } else {
           level_summary.rounds = static_cast<int>(round) + 1;
           objective->weigh(rounds[round], momenta);
           reached.minimiser = MinimiserState<Scalar>(std::move(momenta));
         }
+        // A round in which first orders waited minimised the same energy.
+        how.decrease_before = round > 0 && !rounds[round - 1].lets_blocks_join
+                                  ? level_summary.energy_before - level_summary.energy_after
+                                  : 0;
         const MinimiseSummary found = minimise<Scalar>(*objective, how, reached.minimiser, accepted);
         if (level_summary.rounds == 1) how.optimality_reference = found.first_optimality;
         count_round();

@@ -138,7 +138,7 @@ void expect_a_minimum_over_all_groups(Model model, double sparsity, bool even = 
   auto dense = scene.objective(sparsity), sparse = scene.objective(sparsity);
   sparse.set_active_blocks({});
   if (!even)
-    for (auto* objective : {&dense, &sparse}) objective->restore_weights(mixed_factors(scene));
+    for (auto* objective : {&dense, &sparse}) objective->restore_weights({}, mixed_factors(scene));
   std::vector<double> all(dense.size(), 0.0), x(sparse.size(), 0.0);
   ASSERT_LT(x.size(), all.size());
   AllBlocks<Dim, double> keeping(dense);
