@@ -225,12 +225,17 @@ MinimiseSummary minimise(Objective<T>& objective, const MinimiseOptions& options
       if (joins_here(done)) continue;
       return ended(MinimiseTermination::Converged);
     }
-    if (done >= 5 && state.revised_at != done) {
-      const double recent = state.energies[done - 5] - energy,
-                   whole = options.decrease_before + state.energies[0] - energy;
-      if (recent <= options.tolerance * whole) {
-        if (done - state.looked_at > kFirstLookGap && joins_here(done)) continue;
-        return ended(MinimiseTermination::Settled);
+    if (done >= 5 && (state.settled_at < 0 || done - state.settled_at >= 5)) {
+      const double recent = state.energies[done - 5] - energy;
+      const double whole = options.decrease_before + state.energies[0] - energy;
+      if (recent > options.tolerance * whole) {
+        state.settled_at = -1;
+      } else {
+        // What joins gets five iterations to show what it is worth. If that is too little, nobody else is let in.
+        if (state.settled_at >= 0 || (state.revised_at != done && !joins_here(done)))
+          return ended(MinimiseTermination::Settled);
+        state.settled_at = done;
+        continue;
       }
     }
     if (done >= options.max_iterations) return ended(MinimiseTermination::IterationLimit);

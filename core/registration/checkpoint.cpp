@@ -158,6 +158,7 @@ void transfer(Stream& stream, State& at) {
   stream(at.minimiser.looked_at);
   stream(at.minimiser.look_gap);
   stream(at.minimiser.revised_at);
+  stream(at.minimiser.settled_at);
   stream.list(at.levels, [](auto& s, auto& level) { transfer_level(s, level); });
   stream.list(at.history, [](auto& s, auto& record) {
     s(record.level);

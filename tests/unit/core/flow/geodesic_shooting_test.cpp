@@ -210,14 +210,36 @@ TEST(GeodesicShooting, KeepsAParallelShearFlowSteadyWhenCarried) {
         }
 }
 
+// Oracle: the same shooting with one step of the map in each of its own, and means.
+TEST(GeodesicShooting, IsLinearInTimeBetweenItsSteps) {
+  MomentumScale<2, double> scale({make_gaussian_profile(8), square(24), Orders::Zeroth, 1.0, 1.0});
+  const std::vector<double> m = passing_blobs(scale.lattice(), 20);
+  GeodesicShooting<2, double> coarse({&scale}, scale.lattice(), 2, Evolution::Exact),
+      fine({&scale}, scale.lattice(), 2, Evolution::Exact, 4);
+  coarse.shoot({{m.data(), nullptr}});
+  fine.shoot({{m.data(), nullptr}});
+  ASSERT_EQ(coarse.velocities().size(), 3u);
+  ASSERT_EQ(fine.velocities().size(), 9u);
+  for (int node = 0; node <= 8; ++node) {
+    const int step = std::min(node / 4, 1);
+    const double share = (node - 4 * step) / 4.0;
+    const Field<double>&before = coarse.velocities()[step], &after = coarse.velocities()[step + 1];
+    for (std::size_t i = 0; i < before.size(); ++i)
+      ASSERT_NEAR(fine.velocities()[node][i], (1 - share) * before[i] + share * after[i], 1e-14) << node << " " << i;
+  }
+  EXPECT_EQ(fine.hamiltonians({{m.data(), nullptr}}), coarse.hamiltonians({{m.data(), nullptr}}));
+}
+
 // Oracle: central differences of a linear functional of all velocities, with two scales on different lattices.
 TEST(GeodesicShooting, HasAnExactAdjoint) {
   const Lattice<2> fine = {{14, 12}, {1, 1.2}, {}};
-  for (Evolution evolution : {Evolution::Exact, Evolution::PerOrder, Evolution::Carried}) {
+  for (const auto& [evolution, map_steps] : {std::pair{Evolution::Exact, 1}, std::pair{Evolution::PerOrder, 1},
+                                             std::pair{Evolution::Carried, 1}, std::pair{Evolution::Carried, 3}}) {
     MomentumScale<2, double> wide({make_gaussian_profile(5), coarsened(fine, 2.0), Orders::Zeroth, 2.0, 1.0});
     MomentumScale<2, double> narrow({make_wendland_profile(4), fine, Orders::ZerothAndFirst, 1.0, 0.5});
-    constexpr int steps = 3;
-    GeodesicShooting<2, double> shooting({&wide, &narrow}, fine, steps, evolution);
+    GeodesicShooting<2, double> shooting({&wide, &narrow}, fine, 3, evolution, map_steps);
+    const int steps = shooting.nodes() - 1;
+    ASSERT_EQ(steps, 3 * map_steps);
     const std::size_t a = wide.field_size(), b = narrow.field_size(), whole = a + 3 * b;
     const std::vector<double> m = random_values(whole, 1, 0.1), along = random_values(whole, 2),
                               duals = random_values(2 * fine.sites() * (steps + 1), 3);

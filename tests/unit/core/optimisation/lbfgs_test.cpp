@@ -330,6 +330,78 @@ TEST(Minimise, SettlesOnlyWhereItHasLookedOutsideTheWorkingSet) {
   }
 }
 
+/// (x - 1)^2 / 2 and, outside the working set at first, ever more unknowns that each want to take part and are worth
+/// next to nothing: one joins at every look.
+class Trickle final : public Objective<double> {
+ public:
+  static constexpr double kWorth = 1e-6;
+  std::size_t size() const override { return size_; }
+  bool has_more() const override { return true; }
+  void look_everywhere(bool everywhere) override { looks_ = everywhere; }
+  Evaluation evaluate(const std::vector<double>& x, std::vector<double>& gradient,
+                      std::vector<double>& preconditioned) override {
+    gradient.assign(size_, 0);
+    gradient[0] = 4 * std::pow(x[0] - 1, 3);
+    double energy = std::pow(x[0] - 1, 4);
+    for (std::size_t i = 1; i < size_; ++i) {
+      gradient[i] = kWorth * (x[i] - 1);
+      energy += 0.5 * kWorth * (x[i] - 1) * (x[i] - 1) - 0.5 * kWorth;
+    }
+    preconditioned = gradient;
+    return {energy, true};
+  }
+  double first_step(const std::vector<double>&) override { return 1e-2; }
+  bool revise(MinimiserState<double>& state) override {
+    if (!looks_) return false;
+    ++size_;
+    state.x.push_back(0);
+    for (std::vector<double>* values : {&state.gradient, &state.preconditioned}) values->push_back(-kWorth);
+    for (CurvaturePair<double>& pair : state.pairs)
+      for (std::vector<double>* values : {&pair.s, &pair.y, &pair.y_preconditioned}) values->push_back(0);
+    return true;
+  }
+
+ private:
+  std::size_t size_ = 1;
+  bool looks_ = true;
+};
+
+TEST(Minimise, SettlesThoughMoreThatIsWorthNextToNothingWantsToJoin) {
+  Trickle trickle;
+  std::vector<double> x = {0};
+  MinimiseOptions how;
+  how.tolerance = 1e-2;
+  how.max_iterations = 500;
+  const MinimiseSummary summary = minimise<double>(trickle, how, x, go_on);
+  EXPECT_EQ(summary.termination, MinimiseTermination::Settled);
+  EXPECT_LT(summary.iterations, 60);
+}
+
+// Oracle: the decrease that a level had before makes the same run end earlier, and where the share says.
+TEST(Minimise, CountsTheDecreaseOfAnEarlierRunToTheWhole) {
+  MinimiseOptions how;
+  how.tolerance = 1e-3;
+  const auto energies = [&](double before) {
+    Flat flat;
+    std::vector<double> x = {1}, found = {1};
+    how.decrease_before = before;
+    minimise<double>(flat, how, x, [&](const MinimiseStep& step) {
+      found.push_back(step.energy);
+      return true;
+    });
+    return found;
+  };
+  for (double before : {0.0, 3.0, 30.0}) {
+    SCOPED_TRACE(before);
+    const std::vector<double> e = energies(before);
+    const std::size_t n = e.size() - 1;
+    ASSERT_GT(n, 6u);
+    EXPECT_LE(e[n - 5] - e[n], 1e-3 * (before + e[0] - e[n]));
+    EXPECT_GT(e[n - 6] - e[n - 1], 1e-3 * (before + e[0] - e[n - 1]));
+  }
+  EXPECT_LT(energies(30).size(), energies(0).size());
+}
+
 TEST(Minimise, RefusesAStartWithoutAFiniteEnergy) {
   for (double start : {std::nan(""), std::numeric_limits<double>::infinity()}) {
     Function<double> objective(1, [start](const std::vector<double>&, std::vector<double>& gradient) {

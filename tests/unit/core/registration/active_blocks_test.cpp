@@ -232,6 +232,19 @@ TEST(ActiveBlockLists, AreAllBlocksWithoutSparsity) {
   EXPECT_EQ(x.size(), size);
 }
 
+TEST(ActiveBlockLists, StayAsTheyAreWhileFirstOrdersWait) {
+  Scene<2, float> scene(Model::Sliding);
+  auto objective = scene.objective(3e-3);
+  objective.set_active_blocks({});
+  std::vector<float> x(objective.size(), 0.0f);
+  for (const SparsityRound& round : {SparsityRound{SparsityRound::Weights::Even, 1, false}, SparsityRound{}}) {
+    objective.weigh(round, x);
+    EXPECT_EQ(objective.has_more(), round.lets_blocks_join);
+    minimise<float>(objective, iterations(12), x, go_on);
+    EXPECT_EQ(objective.active_block_share() > 0, round.lets_blocks_join);
+  }
+}
+
 TEST(ActiveBlockLists, AreRefusedWhereTheyDoNotFit) {
   Scene<2, float> scene(Model::Sliding);
   auto objective = scene.objective(1);

@@ -43,9 +43,10 @@ class Numbers {
          share, seconds, cpu_seconds);
   }
   void operator()(MinimiserState<float>& state) {
-    auto& [x, gradient, preconditioned, pairs, energies, first_optimality, evaluations, looked_at, look_gap,
-           revised_at] = state;
-    fill(x, gradient, preconditioned, pairs, energies, first_optimality, evaluations, looked_at, look_gap, revised_at);
+    auto& [x, gradient, preconditioned, pairs, energies, first_optimality, evaluations, looked_at, look_gap, revised_at,
+           settled_at] = state;
+    fill(x, gradient, preconditioned, pairs, energies, first_optimality, evaluations, looked_at, look_gap, revised_at,
+         settled_at);
   }
   void operator()(Checkpoint& checkpoint) {
     auto& [step, level, reference, factors, blocks, minimiser, levels, history, seconds, cpu_seconds] = checkpoint;
@@ -95,6 +96,7 @@ TEST(CheckpointFields, AllSurviveBeingStored) {
   EXPECT_EQ(a.looked_at, b.looked_at);
   EXPECT_EQ(a.look_gap, b.look_gap);
   EXPECT_EQ(a.revised_at, b.revised_at);
+  EXPECT_EQ(a.settled_at, b.settled_at);
   ASSERT_EQ(a.pairs.size(), b.pairs.size());
   for (std::size_t k = 0; k < a.pairs.size(); ++k) {
     EXPECT_EQ(a.pairs[k].s, b.pairs[k].s);

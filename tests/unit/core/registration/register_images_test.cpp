@@ -132,7 +132,7 @@ TEST(RegisterImages, NeverLetsTheEnergyRiseWithinARound) {
       options.momenta.sparsity_path = options.momenta.reweighted_rounds = 2;
       options.momenta.debias = true;
       if (model == Model::Directional) options.momenta.direction = {1, 0};
-      const int rounds = options.momenta.first_order_scales > 0 ? 5 : 1;
+      const int rounds = options.momenta.first_order_scales > 0 ? (options.momenta.first_order_waits ? 6 : 5) : 1;
       const RegistrationSummary summary = register_images<2>(sliding_pair<2>(plane(), 2.0), options).summary;
       ASSERT_EQ(summary.levels.size(), 2u);
       EXPECT_EQ(summary.levels.back().rounds, rounds);
