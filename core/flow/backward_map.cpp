@@ -22,11 +22,8 @@ const Field<T>& BackwardMap<Dim, T>::follow(const std::vector<Field<T>>& velocit
   const T dt = T(1) / static_cast<T>(time_steps_);
   for (int k = time_steps_ - 1; k >= 0; --k) {
     const T* from = position_[k + 1].empty() ? nullptr : position_[k + 1].data();
-    const T* v_next = velocities[k + 1].data();
-    advance<Dim, T>(points_, from, from, lattice_, v_next, -dt, predicted_.data());
-    T* to = position_[k].data();
-    advance<Dim, T>(points_, from, from, lattice_, v_next, -dt / 2, to);
-    advance<Dim, T>(points_, to, predicted_.data(), lattice_, velocities[k].data(), -dt / 2, to);
+    advance_heun<Dim, T>(points_, from, lattice_, velocities[k + 1].data(), velocities[k].data(), -dt,
+                         position_[k].data());
   }
   return position_[0];
 }

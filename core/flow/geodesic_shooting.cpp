@@ -197,8 +197,12 @@ void GeodesicShooting<Dim, T>::shoot(const std::vector<MomentumPointers<T>>& mom
     if (k + 1 == time_steps_) break;
     for (auto& shared : lattices_) {
       T* next = shared->position[k + 1].data();
-      advance<Dim, T>(shared->lattice, shared->moved, pointer(shared->position[k]), pointer(shared->position[k]),
-                      lattice_, velocities_[end_of_step(k)].data(), dt / 2, next);
+      const T* here = pointer(shared->position[k]);
+      const T* predicted = shared->predicted[k + 1].data();
+      shared->moved.for_runs(shared->lattice, [&](std::size_t begin, std::size_t count) {  // half of what predicts
+        for (std::size_t i = Dim * begin; i < Dim * (begin + count); ++i)
+          next[i] = ((here ? here[i] : T(0)) + predicted[i]) / 2;
+      });
       advance<Dim, T>(shared->lattice, shared->moved, next, shared->predicted[k + 1].data(), lattice_,
                       velocities_[end_of_step(k + 1)].data(), dt / 2, next);
     }
@@ -295,7 +299,7 @@ void GeodesicShooting<Dim, T>::adjoint(const std::vector<MomentumPointers<T>>& m
       });
       advance_adjoint<Dim, T>(shared->lattice, shared->acting, pointer(shared->position[k - 1]), lattice_,
                               velocities_[end_of_step(k - 1)].data(), dt, through_velocity, shared->sites.plan(),
-                              velocity_duals[end_of_step(k - 1)].data(), position_dual);
+                              velocity_duals[end_of_step(k - 1)].data(), k > 1 ? position_dual : nullptr);
     }
   }
 }

@@ -4,6 +4,8 @@
 #include "core/grid/block_mask.h"
 #include "core/grid/interpolation.h"
 
+#include <algorithm>
+
 namespace saltus {
 
 /// Moving points with a sampled velocity, and the adjoint. Points are the sites of a lattice with a displacement each
@@ -14,6 +16,13 @@ namespace saltus {
 template <int Dim, class T>
 void advance(const Lattice<Dim>& points, const BlockMask<Dim>& where, const T* a, const T* at,
              const Lattice<Dim>& velocity_lattice, const T* velocity, T factor, T* out) {
+  if (!at && points == velocity_lattice) {  // no site lies between the samples
+    where.for_runs(points, [&](std::size_t begin, std::size_t count) {
+      for (std::size_t i = Dim * begin; i < Dim * (begin + count); ++i)
+        out[i] = (a ? a[i] : T(0)) + factor * velocity[i];
+    });
+    return;
+  }
   const SitePlacement<Dim, T> place(points, velocity_lattice);
 #pragma omp parallel for schedule(static)
   for (int slab = 0; slab < points.size[Dim - 1]; ++slab)
@@ -32,12 +41,47 @@ void advance(const Lattice<Dim>& points, const T* a, const T* at, const Lattice<
   advance<Dim, T>(points, BlockMask<Dim>::all(points), a, at, velocity_lattice, velocity, factor, out);
 }
 
+/// One step of Heun's rule: out(x) = d(x) + step/2 (first(x + d(x)) + second(x + d(x) + step * first(x + d(x)))), for
+/// all sites. A null `d` means 0; `out` may be `d`.
+template <int Dim, class T>
+void advance_heun(const Lattice<Dim>& points, const T* d, const Lattice<Dim>& velocity_lattice, const T* first,
+                  const T* second, T step, T* out) {
+  const SitePlacement<Dim, T> place(points, velocity_lattice);
+  const bool on_samples = !d && points == velocity_lattice;
+  const auto sample = [&](const Index<Dim>& index, const T* at, const T* velocity) {
+    return LinearCell<Dim, T>(velocity_lattice, place(index, at)).template value<Dim>(velocity);
+  };
+#pragma omp parallel for schedule(static)
+  for (int slab = 0; slab < points.size[Dim - 1]; ++slab)
+    visit_slab<Dim>(points, slab, [&](const Index<Dim>& index, std::size_t site) {
+      T from[Dim] = {}, predicted[Dim], middle[Dim];
+      if (d) std::copy_n(d + Dim * site, Dim, from);
+      std::array<T, Dim> v;
+      if (on_samples)
+        std::copy_n(first + Dim * site, Dim, v.begin());
+      else
+        v = sample(index, from, first);
+      for (int c = 0; c < Dim; ++c) {
+        predicted[c] = from[c] + step * v[c];
+        middle[c] = from[c] + step / 2 * v[c];
+      }
+      v = sample(index, predicted, second);
+      for (int c = 0; c < Dim; ++c) out[Dim * site + c] = middle[c] + step / 2 * v[c];
+    });
+}
+
 /// Adjoint of `advance` with respect to the velocity and to `at`: with the dual of `out`,
 /// velocity_dual += transpose of the sampling, at_dual += (gradient of v)^T factor * dual. `at_dual` may be null.
 template <int Dim, class T>
 void advance_adjoint(const Lattice<Dim>& points, const BlockMask<Dim>& where, const T* at,
                      const Lattice<Dim>& velocity_lattice, const T* velocity, T factor, const T* dual,
                      ScatterPlan<Dim, T>& plan, T* velocity_dual, T* at_dual) {
+  if (!at && !at_dual && points == velocity_lattice) {
+    where.for_runs(points, [&](std::size_t begin, std::size_t count) {
+      for (std::size_t i = Dim * begin; i < Dim * (begin + count); ++i) velocity_dual[i] += factor * dual[i];
+    });
+    return;
+  }
   plan.place_sites(points, where, at, velocity_lattice);
   plan.template add<Dim>(
       [&](std::size_t point, std::array<T, Dim>& out) {

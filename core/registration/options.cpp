@@ -31,13 +31,15 @@ Model parse_model(std::string_view text) { return value_of(kModels, "model", tex
 SimilarityType parse_similarity(std::string_view text) { return value_of(kSimilarities, "similarity", text); }
 Preset parse_preset(std::string_view text) { return value_of(kPresets, "preset", text); }
 
-RegistrationOptions resolved(const RegistrationOptions& options, int dimension, double largest_axis) {
+RegistrationOptions resolved(const RegistrationOptions& options, int dimension, double reference_mm,
+                             double largest_axis) {
   RegistrationOptions o = options;
   if (o.pyramid.finest_level < 0) {
     o.pyramid.finest_level = 0;
     if (dimension == 3) switch (o.preset) {
         case Preset::Fast:
-          o.pyramid.finest_level = 2;
+          // Voxels of 4 mm still show vessels and the surfaces of organs, wider ones do not.
+          o.pyramid.finest_level = 4 * reference_mm <= 4 ? 2 : 1;
           break;
         case Preset::Balanced:
           o.pyramid.finest_level = 1;
@@ -147,7 +149,7 @@ RegistrationOptions default_options(Model model, SimilarityType similarity, Pres
     // take two steps all the same, or strongly compressed places fold.
     o.flow.time_steps = preset == Preset::Accurate ? 2 : 1;
     o.flow.map_steps = 2;
-    o.optimisation.tolerance *= 4;
+    o.optimisation.tolerance = preset == Preset::Fast ? 0.16 : preset == Preset::Balanced ? 2e-2 : 5e-3;
     o.momenta.first_order_waits = model == Model::Sliding;
   }
   return o;

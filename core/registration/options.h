@@ -31,7 +31,8 @@ struct RegistrationOptions {
     int levels = 0;         ///< image levels, the coarsest 2^(levels-1) times the reference spacing; 0: until the
                             ///< largest axis has fewer than 32 samples
     int finest_level = -1;  ///< 0: the optimisation ends at full resolution, 1: at half, ...; -1: full resolution in
-                            ///< 2-D, in 3-D by preset (fast 2, balanced 1, accurate 0)
+                            ///< 2-D, in 3-D by preset (fast 2 where its voxels are no more than 4 mm wide, else 1;
+                            ///< balanced 1, accurate 0)
   } pyramid;
 
   struct Momenta {
@@ -73,8 +74,9 @@ struct RegistrationOptions {
 };
 
 /// Replaces what is automatic (levels and scales) by what it means for images of this size. Dim is 2 or 3;
-/// `largest_axis` is the largest extent of the fixed image in reference voxels (its finest spacing).
-RegistrationOptions resolved(const RegistrationOptions& options, int dimension, double largest_axis);
+/// `reference_mm` is the finest spacing of the fixed image, `largest_axis` its largest extent in voxels of that size.
+RegistrationOptions resolved(const RegistrationOptions& options, int dimension, double reference_mm,
+                             double largest_axis);
 
 RegistrationOptions default_options(Model model, SimilarityType similarity, Preset preset);
 

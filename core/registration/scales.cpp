@@ -19,7 +19,7 @@ RegistrationOptions resolved(const RegistrationOptions& options, const Lattice<D
   double largest = 0;
   for (int axis = 0; axis < Dim; ++axis)
     largest = std::max(largest, image.size[axis] * image.spacing[axis] / reference);
-  return resolved(options, Dim, largest);
+  return resolved(options, Dim, reference, largest);
 }
 
 namespace {

@@ -84,5 +84,43 @@ TEST(Advance, HasAnAdjoint) {
   expect_adjoint<3>();
 }
 
+// Oracle: the same two velocities sampled one after the other.
+TEST(AdvanceHeun, IsTwoSamplesOneAfterTheOther) {
+  const Lattice<3> grid = {{7, 6, 5}, {1, 1.5, 0.8}, {0.3, 0, -0.2}}, other = {{6, 5, 4}, {1.1, 1.6, 0.9}, {}};
+  const std::vector<double> first = random_values(3 * grid.sites(), 1), second = random_values(3 * grid.sites(), 2);
+  const double step = -0.7;
+  for (const Lattice<3>& points : {grid, other})
+    for (bool at_rest : {false, true}) {
+      const std::vector<double> d = random_values(3 * points.sites(), 3);
+      const double* from = at_rest ? nullptr : d.data();
+      std::vector<double> predicted(d.size()), expected(d.size()), found(d.size());
+      // Points at rest at the samples themselves are told by a displacement of 0 here, by null there.
+      const std::vector<double> rest(d.size(), 0.0);
+      const double* at = at_rest ? rest.data() : d.data();
+      advance<3, double>(points, from, at, grid, first.data(), step, predicted.data());
+      advance<3, double>(points, from, at, grid, first.data(), step / 2, expected.data());
+      advance<3, double>(points, expected.data(), predicted.data(), grid, second.data(), step / 2, expected.data());
+      advance_heun<3, double>(points, from, grid, first.data(), second.data(), step, found.data());
+      for (std::size_t i = 0; i < d.size(); ++i) ASSERT_NEAR(found[i], expected[i], 1e-14) << i;
+    }
+}
+
+// Oracle: the general way, which a displacement of 0 takes.
+TEST(Advance, AtTheSamplesIsWhatADisplacementOfZeroGives) {
+  const Lattice<2> grid = {{6, 5}, {1, 1.5}, {0.3, 0}};
+  const std::vector<double> v = random_values(2 * grid.sites(), 1), a = random_values(v.size(), 2),
+                            dual = random_values(v.size(), 3), rest(v.size(), 0.0);
+  std::vector<double> expected(v.size()), found(v.size()), expected_dual(v.size(), 0.0), found_dual(v.size(), 0.0);
+  advance<2, double>(grid, a.data(), rest.data(), grid, v.data(), 0.6, expected.data());
+  advance<2, double>(grid, a.data(), nullptr, grid, v.data(), 0.6, found.data());
+  ScatterPlan<2, double> plan;
+  advance_adjoint<2, double>(grid, rest.data(), grid, v.data(), 0.6, dual.data(), plan, expected_dual.data(), nullptr);
+  advance_adjoint<2, double>(grid, nullptr, grid, v.data(), 0.6, dual.data(), plan, found_dual.data(), nullptr);
+  for (std::size_t i = 0; i < v.size(); ++i) {
+    ASSERT_NEAR(found[i], expected[i], 1e-14) << i;
+    ASSERT_NEAR(found_dual[i], expected_dual[i], 1e-14) << i;
+  }
+}
+
 }  // namespace
 }  // namespace saltus
