@@ -32,22 +32,24 @@ template <int Dim, class T>
 void BackwardMap<Dim, T>::adjoint(const std::vector<Field<T>>& velocities, const Field<T>& dual,
                                   std::vector<Field<T>>& velocity_duals) {
   const T dt = T(1) / static_cast<T>(time_steps_);
-  Field<T> position_dual = dual, predicted_dual(dual.size()), through_velocity(dual.size());
+  position_dual_ = dual;
+  predicted_dual_.resize(dual.size());
+  through_velocity_.resize(dual.size());
   for (int k = 0; k < time_steps_; ++k) {
     const T* from = position_[k + 1].empty() ? nullptr : position_[k + 1].data();
     const T* v_next = velocities[k + 1].data();
     advance<Dim, T>(points_, from, from, lattice_, v_next, -dt, predicted_.data());
-    std::fill(predicted_dual.begin(), predicted_dual.end(), T(0));
-    advance_adjoint<Dim, T>(points_, predicted_.data(), lattice_, velocities[k].data(), -dt / 2, position_dual.data(),
-                            plan_, velocity_duals[k].data(), predicted_dual.data());
+    std::fill(predicted_dual_.begin(), predicted_dual_.end(), T(0));
+    advance_adjoint<Dim, T>(points_, predicted_.data(), lattice_, velocities[k].data(), -dt / 2, position_dual_.data(),
+                            plan_, velocity_duals[k].data(), predicted_dual_.data());
     const std::size_t count = dual.size();
 #pragma omp parallel for simd schedule(static)
     for (std::size_t i = 0; i < count; ++i) {
-      through_velocity[i] = position_dual[i] / 2 + predicted_dual[i];
-      position_dual[i] += predicted_dual[i];
+      through_velocity_[i] = position_dual_[i] / 2 + predicted_dual_[i];
+      position_dual_[i] += predicted_dual_[i];
     }
-    advance_adjoint<Dim, T>(points_, from, lattice_, v_next, -dt, through_velocity.data(), plan_,
-                            velocity_duals[k + 1].data(), from ? position_dual.data() : nullptr);
+    advance_adjoint<Dim, T>(points_, from, lattice_, v_next, -dt, through_velocity_.data(), plan_,
+                            velocity_duals[k + 1].data(), from ? position_dual_.data() : nullptr);
   }
 }
 

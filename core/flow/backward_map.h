@@ -24,7 +24,7 @@ class BackwardMap {
   Lattice<Dim> points_, lattice_;
   int time_steps_;
   std::vector<Field<T>> position_;  ///< displacement at node k; [time_steps] is empty, meaning 0
-  Field<T> predicted_;
+  Field<T> predicted_, position_dual_, predicted_dual_, through_velocity_;  ///< of the adjoint; sized once
   ScatterPlan<Dim, T> plan_;
 };
 

@@ -81,12 +81,14 @@ void make_pseudo(const std::vector<GroupSparsity>& ranges, const std::vector<T>&
     });
 }
 
-/// direction = -H pseudo-gradient by the two-loop recursion, with H_0 the scaled preconditioner.
+/// direction = -H pseudo-gradient by the two-loop recursion, with H_0 the scaled preconditioner. `remainder` is
+/// scratch.
 template <class T>
 void quasi_newton_direction(const std::deque<CurvaturePair<T>>& pairs, const std::vector<T>& gradient,
-                            const std::vector<T>& preconditioned, std::vector<T>& direction) {
+                            const std::vector<T>& preconditioned, std::vector<T>& remainder,
+                            std::vector<T>& direction) {
   std::vector<double> alpha(pairs.size());
-  std::vector<T> remainder = gradient;
+  remainder = gradient;
   direction = preconditioned;
   for (std::size_t k = pairs.size(); k-- > 0;) {
     alpha[k] = pairs[k].rho * dot(pairs[k].s, remainder);
@@ -140,12 +142,14 @@ template <class T>
 MinimiseSummary minimise(Objective<T>& objective, const MinimiseOptions& options, MinimiserState<T>& state,
                          const std::function<bool(const MinimiseStep&)>& accepted) {
   const std::vector<GroupSparsity>& ranges = objective.sparsity();
-  std::vector<T> next_gradient, next_preconditioned, direction, candidate, pseudo, pseudo_preconditioned;
+  std::vector<T> next_gradient, next_preconditioned, direction, remainder, candidate, pseudo, pseudo_preconditioned;
+  CurvaturePair<T> pair;  // takes over the memory of the pair that it drives out
   // Exactly as large as the objective wants: what it dropped must not stay allocated.
   const auto fit = [&] {
     next_gradient = std::vector<T>(objective.size());
     next_preconditioned = std::vector<T>(objective.size());
-    for (std::vector<T>* values : {&direction, &candidate, &pseudo, &pseudo_preconditioned}) *values = {};
+    for (std::vector<T>* values : {&direction, &remainder, &candidate, &pseudo, &pseudo_preconditioned}) *values = {};
+    pair = {};
   };
   const std::deque<CurvaturePair<T>> no_pairs;
 
@@ -250,7 +254,7 @@ MinimiseSummary minimise(Objective<T>& objective, const MinimiseOptions& options
         has_forgotten = true;  // the model of the curvature was wrong: start again from steepest descent
       }
       const std::deque<CurvaturePair<T>>& pairs = has_forgotten ? no_pairs : state.pairs;
-      quasi_newton_direction(pairs, pseudo, pseudo_preconditioned, direction);
+      quasi_newton_direction(pairs, pseudo, pseudo_preconditioned, remainder, direction);
       align(ranges, state.x, pseudo, direction);
       if (!(dot(pseudo, direction) < 0)) continue;
       step = pairs.empty() ? objective.first_step(direction) : 1.0;
@@ -281,7 +285,9 @@ MinimiseSummary minimise(Objective<T>& objective, const MinimiseOptions& options
       return ended(MinimiseTermination::LineSearchFailed);
     }
 
-    CurvaturePair<T> pair{candidate, next_gradient, next_preconditioned, 0};
+    pair.s = candidate;
+    pair.y = next_gradient;
+    pair.y_preconditioned = next_preconditioned;
     add_scaled(-1, state.x, pair.s);
     add_scaled(-1, state.gradient, pair.y);
     add_scaled(-1, state.preconditioned, pair.y_preconditioned);
@@ -290,7 +296,11 @@ MinimiseSummary minimise(Objective<T>& objective, const MinimiseOptions& options
     if (curvature > 1e-8 * std::abs(size) && size > 0) {
       pair.rho = 1 / curvature;
       state.pairs.push_back(std::move(pair));
-      if (static_cast<int>(state.pairs.size()) > options.history) state.pairs.pop_front();
+      pair = {};
+      if (static_cast<int>(state.pairs.size()) > options.history) {
+        pair = std::move(state.pairs.front());
+        state.pairs.pop_front();
+      }
     }
     std::swap(state.x, candidate);
     std::swap(state.gradient, next_gradient);

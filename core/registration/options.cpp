@@ -148,8 +148,8 @@ RegistrationOptions default_options(Model model, SimilarityType similarity, Pres
     // All but ssd balance: a long tail of iterations fits what is noise, and momenta hardly turn within a step. Maps
     // take two steps all the same, or strongly compressed places fold.
     o.flow.time_steps = preset == Preset::Accurate ? 2 : 1;
-    o.flow.map_steps = 2;
-    o.optimisation.tolerance = preset == Preset::Fast ? 0.16 : preset == Preset::Balanced ? 2e-2 : 5e-3;
+    o.flow.map_steps = preset == Preset::Fast ? 1 : 2;
+    o.optimisation.tolerance = preset == Preset::Fast ? 0.25 : preset == Preset::Balanced ? 2e-2 : 5e-3;
     o.momenta.first_order_waits = model == Model::Sliding;
   }
   return o;
