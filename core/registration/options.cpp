@@ -37,12 +37,12 @@ RegistrationOptions resolved(const RegistrationOptions& options, int dimension, 
   if (o.pyramid.finest_level < 0) {
     o.pyramid.finest_level = 0;
     if (dimension == 3) switch (o.preset) {
+        // Voxels of 3 to 4 mm still show vessels and the surfaces of organs, wider ones do not.
         case Preset::Fast:
-          // Voxels of 4 mm still show vessels and the surfaces of organs, wider ones do not.
-          o.pyramid.finest_level = 4 * reference_mm <= 4 ? 2 : 1;
+          o.pyramid.finest_level = 4 * reference_mm <= 4 ? 2 : 2 * reference_mm <= 4 ? 1 : 0;
           break;
         case Preset::Balanced:
-          o.pyramid.finest_level = 1;
+          o.pyramid.finest_level = 2 * reference_mm <= 3 ? 1 : 0;
           break;
         case Preset::Accurate:
           break;

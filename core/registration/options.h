@@ -31,8 +31,8 @@ struct RegistrationOptions {
     int levels = 0;         ///< image levels, the coarsest 2^(levels-1) times the reference spacing; 0: until the
                             ///< largest axis has fewer than 32 samples
     int finest_level = -1;  ///< 0: the optimisation ends at full resolution, 1: at half, ...; -1: full resolution in
-                            ///< 2-D, in 3-D by preset (fast 2 where its voxels are no more than 4 mm wide, else 1;
-                            ///< balanced 1, accurate 0)
+                            ///< 2-D, in 3-D by preset (fast 2 at most, with voxels no wider than 4 mm; balanced 1 at
+                            ///< most, with voxels no wider than 3 mm; accurate 0)
   } pyramid;
 
   struct Momenta {

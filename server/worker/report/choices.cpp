@@ -27,7 +27,7 @@ std::string measured_from(const std::string& name, const ReportInput<Dim>& input
     return Dim == 2
                ? "2-D images are registered at full resolution"
                : "from the preset " + to_string(input.options->preset) +
-                     " for 3-D images (fast 2 where its voxels are no wider than 4 mm, else 1; balanced 1; accurate 0)";
+                     " for 3-D images (fast at most 2 with voxels of 4 mm, balanced at most 1 with 3 mm, accurate 0)";
   return "from the levels";
 }
 
