@@ -11,9 +11,6 @@
 #include <string>
 #include <thread>
 
-#include <fcntl.h>
-#include <unistd.h>
-
 namespace saltus {
 namespace {
 
@@ -60,12 +57,11 @@ void take_memory_by_malloc() {
   }
 }
 
-/// One write to a file that is appended to: lines of several processes do not mix.
-void record(const char* file, std::string line) {
-  line += '\n';
-  const int descriptor = ::open(file, O_WRONLY | O_CREAT | O_APPEND | O_CLOEXEC, 0600);
-  if (::write(descriptor, line.data(), line.size()) != static_cast<ssize_t>(line.size())) std::abort();
-  ::close(descriptor);
+/// A short line goes to a file that is appended to in one write: lines of several processes do not mix.
+void record(const char* file, const std::string& line) {
+  std::ofstream out(file, std::ios::app);
+  out << line + '\n' << std::flush;
+  if (!out) std::abort();
 }
 
 void act(const std::string& action) {
