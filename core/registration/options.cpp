@@ -149,7 +149,7 @@ RegistrationOptions default_options(Model model, SimilarityType similarity, Pres
     // take two steps all the same, or strongly compressed places fold.
     o.flow.time_steps = preset == Preset::Accurate ? 2 : 1;
     o.flow.map_steps = preset == Preset::Fast ? 1 : 2;
-    o.optimisation.tolerance = preset == Preset::Fast ? 0.25 : preset == Preset::Balanced ? 2e-2 : 5e-3;
+    o.optimisation.tolerance = preset == Preset::Fast ? 0.25 : preset == Preset::Balanced ? 2.5e-2 : 5e-3;
     o.momenta.first_order_waits = model == Model::Sliding;
     if (preset == Preset::Fast) {  // first orders cost more than order 0: only the strongest jumps
       o.optimisation.max_iterations = 10;
