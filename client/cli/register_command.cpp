@@ -68,7 +68,8 @@ int register_images(const RegisterOptions& options) {
     return register_one(options);
   }
   if (options.out.empty()) throw InvalidInput("--out is missing; name a folder for the results");
-  return register_pairs({options.job, options.server, options.pairs, options.out, options.as_json, PairsOutput::Summary});
+  return register_pairs(
+      {options.job, options.server, options.pairs, options.out, options.as_json, PairsOutput::Summary});
 }
 
 }  // namespace

@@ -145,8 +145,8 @@ RegistrationOptions default_options(Model model, SimilarityType similarity, Pres
       break;
   }
   if (similarity != SimilarityType::Ssd) {
-    // All but ssd balance: a long tail of iterations fits what is noise, and momenta hardly turn within a step. Maps
-    // take two steps all the same, or strongly compressed places fold.
+    // One step of the momenta and a short run lose nothing on the liver images (core/README.md, "Time steps" and
+    // "Stopping"); with one step of the map as well, strongly compressed places fold.
     o.flow.time_steps = preset == Preset::Accurate ? 2 : 1;
     o.flow.map_steps = preset == Preset::Fast ? 1 : 2;
     o.optimisation.tolerance = preset == Preset::Fast ? 0.25 : preset == Preset::Balanced ? 2.5e-2 : 5e-3;

@@ -19,8 +19,8 @@ struct SparsityRound {
   bool lets_blocks_join = true;  ///< whether first-order momenta may appear where there are none
 };
 
-/// The rounds of a level: where first orders wait, one in which none appear; the path of weights lambda 2^(n-1), ..., 2 lambda, lambda, then the reweighted rounds, then
-/// the debiasing round. Without first-order momenta one round.
+/// The rounds of a level: where first orders wait, one in which none appear; the path of weights lambda 2^(n-1), ..., 2
+/// lambda, lambda, then the reweighted rounds, then the debiasing round. Without first-order momenta one round.
 std::vector<SparsityRound> sparsity_rounds(const RegistrationOptions::Momenta& momenta, bool has_first_order);
 
 }  // namespace saltus

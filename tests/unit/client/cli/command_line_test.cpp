@@ -1,6 +1,6 @@
-#include "client/cli/command_line.h"
 
 #include "client/cli/command.h"
+#include "tests/support/captured_command_line.h"
 
 #include <gmock/gmock.h>
 
@@ -12,18 +12,9 @@ namespace {
 
 using testing::HasSubstr;
 
-struct Outcome {
-  int exit_code;
-  std::string out, err;
-};
+using Outcome = testing_support::CapturedRun;
 
-Outcome run(std::vector<const char*> arguments) {
-  arguments.insert(arguments.begin(), "saltus");
-  testing::internal::CaptureStdout();
-  testing::internal::CaptureStderr();
-  const int exit_code = run_command_line(static_cast<int>(arguments.size()), arguments.data());
-  return {exit_code, testing::internal::GetCapturedStdout(), testing::internal::GetCapturedStderr()};
-}
+Outcome run(const std::vector<std::string>& words) { return testing_support::run_command_line_captured(words); }
 
 class CommandLine : public testing::Test {
  protected:

@@ -1,9 +1,9 @@
 // Packs in the layout of DIR-Lab's, made here; the coordinates' oracle is arithmetic by hand.
 #include "client/cli/command.h"
-#include "client/cli/command_line.h"
 #include "client/cli/dirlab_pack.h"
 #include "client/cli/dirlab_scores.h"
 #include "core/support/errors.h"
+#include "tests/support/captured_command_line.h"
 #include "tests/support/temporary_folder.h"
 
 #include <gmock/gmock.h>
@@ -34,16 +34,11 @@ class Dirlab : public testing::Test {
       points << (phase == "T00" ? "1\t1\t1\n10 20 30\n" : "1 1 3\n\n13 24 30 \n");
     }
   }
-  int run(std::vector<std::string> words) {
-    words.insert(words.begin(), "saltus");
-    std::vector<const char*> arguments;
-    for (const std::string& word : words) arguments.push_back(word.c_str());
-    testing::internal::CaptureStdout();
-    testing::internal::CaptureStderr();
-    const int code = run_command_line(static_cast<int>(arguments.size()), arguments.data());
-    out = testing::internal::GetCapturedStdout();
-    error = testing::internal::GetCapturedStderr();
-    return code;
+  int run(const std::vector<std::string>& words) {
+    const testing_support::CapturedRun run = testing_support::run_command_line_captured(words);
+    out = run.out;
+    error = run.err;
+    return run.exit_code;
   }
   testing_support::TemporaryFolder folder;
   std::string out, error;

@@ -10,13 +10,13 @@
 #include <vector>
 
 #include "client/cli/command.h"
-#include "client/cli/command_line.h"
 #include "client/cli/transform_folder.h"
 #include "core/image_io/points_io.h"
 #include "core/image_io/read_image.h"
 #include "core/image_io/write_image.h"
 #include "core/image_io/write_transform.h"
 #include "core/support/errors.h"
+#include "tests/support/captured_command_line.h"
 
 namespace saltus::cli {
 namespace {
@@ -32,16 +32,11 @@ class LocalCommands : public testing::Test {
   }
   ~LocalCommands() override { fs::remove_all(folder_); }
 
-  int run(std::vector<std::string> words) {
-    words.insert(words.begin(), "saltus");
-    std::vector<const char*> arguments;
-    for (const std::string& word : words) arguments.push_back(word.c_str());
-    testing::internal::CaptureStdout();
-    testing::internal::CaptureStderr();
-    const int code = run_command_line(static_cast<int>(arguments.size()), arguments.data());
-    out_ = testing::internal::GetCapturedStdout();
-    error_ = testing::internal::GetCapturedStderr();
-    return code;
+  int run(const std::vector<std::string>& words) {
+    const testing_support::CapturedRun run = testing_support::run_command_line_captured(words);
+    out_ = run.out;
+    error_ = run.err;
+    return run.exit_code;
   }
   std::string at(const std::string& name) const { return (folder_ / name).string(); }
 

@@ -1,6 +1,6 @@
 // Options that come from a file or the environment, and what shells and manuals are told about options.
 #include "client/cli/command.h"
-#include "client/cli/command_line.h"
+#include "tests/support/captured_command_line.h"
 #include "tests/support/child_process.h"
 #include "tests/support/temporary_folder.h"
 
@@ -19,10 +19,7 @@ using testing::HasSubstr;
 using testing::Not;
 using testing_support::ChildProcess;
 
-struct Outcome {
-  int exit_code;
-  std::string out, err;
-};
+using Outcome = testing_support::CapturedRun;
 
 class Settings : public testing::Test {
  protected:
@@ -33,15 +30,7 @@ class Settings : public testing::Test {
     setenv(name.c_str(), value.c_str(), 1);
     set_.push_back(name);
   }
-  Outcome run(std::vector<std::string> words) {
-    words.insert(words.begin(), "saltus");
-    std::vector<const char*> arguments;
-    for (const std::string& word : words) arguments.push_back(word.c_str());
-    testing::internal::CaptureStdout();
-    testing::internal::CaptureStderr();
-    const int exit_code = run_command_line(static_cast<int>(arguments.size()), arguments.data());
-    return {exit_code, testing::internal::GetCapturedStdout(), testing::internal::GetCapturedStderr()};
-  }
+  Outcome run(const std::vector<std::string>& words) { return testing_support::run_command_line_captured(words); }
   /// Of the parameters that --set help lists, which depend on model, similarity and preset.
   std::string first_order_scales(std::vector<std::string> words) {
     words.insert(words.end(), {"--set", "help"});

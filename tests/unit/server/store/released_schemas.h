@@ -1,9 +1,9 @@
 #pragma once
 
-/// A database of every schema, with rows in every table, as `sqlite3 saltusd.db .dump` shows them. No daemon of that time
-/// has written them: they were made with the migrations up to each schema when this list was begun, which shows that
-/// later migrations carry them over, not that an old daemon has made the same. Never to be edited: a new schema gets a
-/// fixture of its own.
+/// A database of every schema, with rows in every table, as `sqlite3 saltusd.db .dump` shows them. No daemon of that
+/// time has written them: they were made with the migrations up to each schema when this list was begun, which shows
+/// that later migrations carry them over, not that an old daemon has made the same. Never to be edited: a new schema
+/// gets a fixture of its own.
 namespace saltus::testing_support {
 
 // Jobs, their labels and inputs, blobs.
