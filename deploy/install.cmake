@@ -16,7 +16,8 @@ install(EXPORT saltus-core NAMESPACE saltus:: DESTINATION ${package})
 install(EXPORT saltus-client NAMESPACE saltus:: DESTINATION ${package})
 
 # Sources include by their place in the repository, and so do those who use the libraries.
-install(DIRECTORY core DESTINATION ${headers} FILES_MATCHING PATTERN "*.h" PATTERN "image_io" EXCLUDE)
+install(DIRECTORY core DESTINATION ${headers} FILES_MATCHING PATTERN "*.h" PATTERN "image_io" EXCLUDE
+  PATTERN "drawing" EXCLUDE)
 install(DIRECTORY client/lib DESTINATION ${headers}/client FILES_MATCHING PATTERN "*.h")
 install(DIRECTORY ${PROJECT_BINARY_DIR}/proto/saltus DESTINATION ${headers} FILES_MATCHING PATTERN "*.pb.h")
 install(DIRECTORY proto/saltus DESTINATION ${CMAKE_INSTALL_DATADIR}/saltus/proto FILES_MATCHING PATTERN "*.proto")

@@ -69,9 +69,12 @@ set(rpc "<grpc" "<google/" "[<\"].*[.]pb[.]h")
 set(service "<spdlog" "<sqlite3" "<nlohmann" "<CLI/")
 
 # The numerics see Eigen, OpenMP and the standard library; foreign image types stop in core/image_io.
-allow(core EXCEPT core/image_io ONLY ${numerics} "\"core/")
+allow(core EXCEPT core/image_io core/drawing ONLY ${numerics} "\"core/")
 forbid(core INCLUDES ${rpc} ${service} "\"(server|client)/")
 forbid(core EXCEPT core/image_io INCLUDES "\"core/image_io/")
+forbid(core EXCEPT core/drawing INCLUDES "\"core/drawing/")
+# Reports and studies are drawn with the same pen, which sees libpng.
+allow(core/drawing ONLY ${numerics} "<png[.]h>" "\"core/(support|grid|drawing)/")
 
 # Inside core: grid, kernels -> momenta -> flow; grid -> similarity; optimisation knows none; registration joins.
 allow(core/support ONLY ${numerics} "\"core/support/")

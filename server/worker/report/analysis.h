@@ -1,10 +1,10 @@
 #pragma once
 
+#include "core/drawing/slice_plane.h"
 #include "core/evaluation/jacobian.h"
 #include "server/worker/report/interface.h"
 #include "server/worker/report/measures.h"
 #include "server/worker/report/report.h"
-#include "server/worker/report/slice_plane.h"
 
 #include <optional>
 #include <vector>

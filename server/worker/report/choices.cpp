@@ -1,10 +1,13 @@
 #include "server/worker/report/choices.h"
 
-#include "server/worker/report/markup.h"
+#include "core/drawing/markup.h"
 
 #include <map>
 
 namespace saltus::report {
+
+using namespace drawing;
+
 namespace {
 
 std::map<std::string, std::string> values_of(const RegistrationOptions& options) {

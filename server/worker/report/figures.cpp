@@ -1,10 +1,10 @@
 #include "server/worker/report/figures.h"
 
-#include "server/worker/report/colour_map.h"
+#include "core/drawing/colour_map.h"
+#include "core/drawing/line_chart.h"
+#include "core/drawing/markup.h"
+#include "core/drawing/overlay_paths.h"
 #include "server/worker/report/interface_paths.h"
-#include "server/worker/report/line_chart.h"
-#include "server/worker/report/markup.h"
-#include "server/worker/report/overlay_paths.h"
 #include "server/worker/report/panels.h"
 #include "server/worker/report/pictures.h"
 #include "server/worker/report/viewer.h"
@@ -14,6 +14,9 @@
 #include <sstream>
 
 namespace saltus::report {
+
+using namespace drawing;
+
 namespace {
 
 // Longest sides, pixels. A page has a hundred pictures of a volume, so these decide how heavy it is.

@@ -1,10 +1,13 @@
 #include "server/worker/report/findings.h"
 
-#include "server/worker/report/markup.h"
+#include "core/drawing/markup.h"
 
 #include <algorithm>
 
 namespace saltus::report {
+
+using namespace drawing;
+
 namespace {
 
 constexpr double much_beyond = 0.02;  // of the fixed voxels

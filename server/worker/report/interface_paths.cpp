@@ -1,6 +1,6 @@
 #include "server/worker/report/interface_paths.h"
 
-#include "server/worker/report/colour_map.h"
+#include "core/drawing/colour_map.h"
 
 #include <algorithm>
 #include <array>
@@ -8,6 +8,9 @@
 #include <cstdio>
 
 namespace saltus::report {
+
+using namespace drawing;
+
 namespace {
 
 // One path for each class of slip, so that a page does not carry a colour for each of a thousand faces.

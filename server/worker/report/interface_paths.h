@@ -1,7 +1,7 @@
 #pragma once
 
+#include "core/drawing/slice_plane.h"
 #include "server/worker/report/interface.h"
-#include "server/worker/report/slice_plane.h"
 
 #include <string>
 
@@ -11,6 +11,6 @@ namespace saltus::report {
 /// `most_mm` (as `interface_colour`). A face that lies within the plane is a square on its voxel.
 template <int Dim>
 std::string interface_paths(const DetectedInterface<Dim>& found, const ImageGrid<Dim>& grid,
-                            const SlicePlane<Dim>& plane, double most_mm);
+                            const drawing::SlicePlane<Dim>& plane, double most_mm);
 
 }  // namespace saltus::report

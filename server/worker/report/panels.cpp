@@ -1,10 +1,13 @@
 #include "server/worker/report/panels.h"
 
-#include "server/worker/report/markup.h"
+#include "core/drawing/markup.h"
 
 #include <algorithm>
 
 namespace saltus::report {
+
+using namespace drawing;
+
 namespace {
 
 std::string label(const std::string& text, const std::string& side) {

@@ -1,14 +1,17 @@
 #include "server/worker/report/pictures.h"
 
+#include "core/drawing/colour_map.h"
+#include "core/drawing/field_sampling.h"
 #include "core/evaluation/statistics.h"
-#include "server/worker/report/colour_map.h"
-#include "server/worker/report/field_sampling.h"
 #include "server/worker/report/measures.h"
 
 #include <algorithm>
 #include <cmath>
 
 namespace saltus::report {
+
+using namespace drawing;
+
 namespace {
 
 /// At most about 200 000 of the samples, evenly spread: enough for the scale of a colour map.

@@ -1,8 +1,8 @@
 #pragma once
 
-#include "server/worker/report/raster.h"
+#include "core/drawing/raster.h"
+#include "core/drawing/slice_plane.h"
 #include "server/worker/report/report.h"
-#include "server/worker/report/slice_plane.h"
 
 namespace saltus::report {
 
@@ -13,15 +13,16 @@ class Pictures {
  public:
   explicit Pictures(const ReportInput<Dim>& input);
 
-  Raster fixed(const SlicePlane<Dim>& plane) const;
-  Raster moving(const SlicePlane<Dim>& plane) const;  ///< on the fixed grid, after the affine start alone
-  Raster warped(const SlicePlane<Dim>& plane) const;
-  Raster difference_before(const SlicePlane<Dim>& plane) const;  ///< moving - fixed
-  Raster difference_after(const SlicePlane<Dim>& plane) const;   ///< warped - fixed
-  Raster checkerboard(const SlicePlane<Dim>& plane) const;       ///< fixed and warped by turns
-  Raster displacement(const SlicePlane<Dim>& plane) const;
-  Raster jacobian(const SlicePlane<Dim>& plane) const;
-  Raster momentum(const SlicePlane<Dim>& plane, std::size_t field) const;
+  drawing::Raster fixed(const drawing::SlicePlane<Dim>& plane) const;
+  drawing::Raster moving(
+      const drawing::SlicePlane<Dim>& plane) const;  ///< on the fixed grid, after the affine start alone
+  drawing::Raster warped(const drawing::SlicePlane<Dim>& plane) const;
+  drawing::Raster difference_before(const drawing::SlicePlane<Dim>& plane) const;  ///< moving - fixed
+  drawing::Raster difference_after(const drawing::SlicePlane<Dim>& plane) const;   ///< warped - fixed
+  drawing::Raster checkerboard(const drawing::SlicePlane<Dim>& plane) const;       ///< fixed and warped by turns
+  drawing::Raster displacement(const drawing::SlicePlane<Dim>& plane) const;
+  drawing::Raster jacobian(const drawing::SlicePlane<Dim>& plane) const;
+  drawing::Raster momentum(const drawing::SlicePlane<Dim>& plane, std::size_t field) const;
 
   /// What the pictures are made of, at a continuous index of the fixed grid. Intensities in the window: 0 to 1.
   double fixed_at(const Vector<Dim>& index) const;
@@ -43,7 +44,7 @@ class Pictures {
   static Window window_of(const Volume<Dim>& image);
 
   template <class ColourAt>
-  Raster paint(const SlicePlane<Dim>& plane, const ColourAt& colour_at) const;
+  drawing::Raster paint(const drawing::SlicePlane<Dim>& plane, const ColourAt& colour_at) const;
 
   const ReportInput<Dim>& input_;
   Window fixed_window_, moving_window_;

@@ -1,11 +1,11 @@
+#include "core/drawing/line_chart.h"
+#include "core/drawing/markup.h"
+#include "core/drawing/page_style.h"
 #include "core/evaluation/statistics.h"
 #include "server/worker/report/analysis.h"
 #include "server/worker/report/choices.h"
 #include "server/worker/report/figures.h"
 #include "server/worker/report/findings.h"
-#include "server/worker/report/line_chart.h"
-#include "server/worker/report/markup.h"
-#include "server/worker/report/page_style.h"
 #include "server/worker/report/report.h"
 #include "server/worker/report/viewer.h"
 
@@ -15,6 +15,9 @@
 #include <sstream>
 
 namespace saltus::report {
+
+using namespace drawing;
+
 namespace {
 
 template <int Dim>

@@ -1,9 +1,9 @@
 #include "server/worker/report/viewer.h"
 
-#include "server/worker/report/colour_map.h"
-#include "server/worker/report/markup.h"
+#include "core/drawing/colour_map.h"
+#include "core/drawing/markup.h"
+#include "core/drawing/raster.h"
 #include "server/worker/report/panels.h"
-#include "server/worker/report/raster.h"
 #include "server/worker/report/viewer_script.h"
 
 #include <nlohmann/json.hpp>
@@ -17,6 +17,9 @@
 #include <stdexcept>
 
 namespace saltus::report {
+
+using namespace drawing;
+
 namespace {
 
 /// A volume as the page carries it: every f-th voxel along each axis, 2-D as one slice.

@@ -14,7 +14,7 @@ namespace saltus::report {
 /// script runs. `#view=NAME` after the page's address opens it with that view, a name of the buttons' data-view.
 template <int Dim>
 std::string viewer_section(const ReportInput<Dim>& input, const Pictures<Dim>& pictures,
-                           const std::vector<SlicePlane<Dim>>& planes);
+                           const std::vector<drawing::SlicePlane<Dim>>& planes);
 
 /// What the browser may do with the page: show what is in it and run the viewer's script, which is told by its hash;
 /// load nothing, send nothing. The content of a <meta http-equiv="Content-Security-Policy">.

@@ -4,7 +4,7 @@
 #include <string_view>
 #include <vector>
 
-namespace saltus::report {
+namespace saltus::drawing {
 
 /// Text that means itself in HTML and SVG, quotes included.
 std::string escaped(std::string_view text);
@@ -18,4 +18,4 @@ std::string percentage(double share);
 /// A table whose first column holds names. Cells are escaped.
 std::string table(const std::vector<std::string>& head, const std::vector<std::vector<std::string>>& rows);
 
-}  // namespace saltus::report
+}  // namespace saltus::drawing

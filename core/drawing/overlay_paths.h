@@ -1,11 +1,11 @@
 #pragma once
 
+#include "core/drawing/slice_plane.h"
 #include "core/grid/volume.h"
-#include "server/worker/report/slice_plane.h"
 
 #include <string>
 
-namespace saltus::report {
+namespace saltus::drawing {
 
 /// Both give the `d` of an SVG path in picture pixels. Of a 3-D displacement the part within the plane is shown.
 
@@ -17,4 +17,4 @@ std::string deformed_grid_path(const VectorVolume<Dim>& displacement, const Slic
 template <int Dim>
 std::string arrow_path(const VectorVolume<Dim>& displacement, const SlicePlane<Dim>& plane, double longest_mm);
 
-}  // namespace saltus::report
+}  // namespace saltus::drawing

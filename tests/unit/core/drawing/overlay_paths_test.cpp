@@ -1,10 +1,10 @@
-#include "server/worker/report/overlay_paths.h"
+#include "core/drawing/overlay_paths.h"
 
 #include <gtest/gtest.h>
 
 #include <regex>
 
-namespace saltus::report {
+namespace saltus::drawing {
 namespace {
 
 std::vector<Vector<2>> points_of(const std::string& path) {
@@ -54,4 +54,4 @@ TEST(ArrowPath, LeavesOutWhatHardlyMoves) {
 }
 
 }  // namespace
-}  // namespace saltus::report
+}  // namespace saltus::drawing

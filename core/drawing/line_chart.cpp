@@ -1,13 +1,13 @@
-#include "server/worker/report/line_chart.h"
+#include "core/drawing/line_chart.h"
 
-#include "server/worker/report/markup.h"
+#include "core/drawing/markup.h"
 
 #include <algorithm>
 #include <cmath>
 #include <limits>
 #include <sstream>
 
-namespace saltus::report {
+namespace saltus::drawing {
 namespace {
 
 constexpr double width = 420, height = 270, left = 62, right = 14, top = 46, bottom = 44;
@@ -98,4 +98,4 @@ std::string to_svg(const LineChart& chart) {
   return svg.str();
 }
 
-}  // namespace saltus::report
+}  // namespace saltus::drawing

@@ -5,7 +5,7 @@
 #include <string>
 #include <vector>
 
-namespace saltus::report {
+namespace saltus::drawing {
 
 /// A flat picture through an image: which grid axis runs to the right and which down, at which scale. Pixels are square
 /// in millimetres, so anisotropic voxels look right.
@@ -40,4 +40,4 @@ template <int Dim>
 std::vector<SlicePlane<Dim>> planes_through(const Vector<Dim>& point, const ImageGrid<Dim>& grid,
                                             int longest_side = 512);
 
-}  // namespace saltus::report
+}  // namespace saltus::drawing

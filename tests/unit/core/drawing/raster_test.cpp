@@ -1,5 +1,5 @@
-#include "server/worker/report/raster.h"
-#include "server/worker/report/colour_map.h"
+#include "core/drawing/raster.h"
+#include "core/drawing/colour_map.h"
 
 #include <gtest/gtest.h>
 #include <png.h>
@@ -7,7 +7,7 @@
 #include <cmath>
 #include <random>
 
-namespace saltus::report {
+namespace saltus::drawing {
 namespace {
 
 /// Oracle: libpng's reader.
@@ -61,4 +61,4 @@ TEST(ColourMap, DivergesFromBlueToRedAroundWhite) {
 }
 
 }  // namespace
-}  // namespace saltus::report
+}  // namespace saltus::drawing

@@ -1,10 +1,10 @@
-#include "server/worker/report/markup.h"
+#include "core/drawing/markup.h"
 
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
 
-namespace saltus::report {
+namespace saltus::drawing {
 
 std::string escaped(std::string_view text) {
   std::string safe;
@@ -64,4 +64,4 @@ std::string table(const std::vector<std::string>& head, const std::vector<std::v
   return html + "</tbody></table></div>\n";
 }
 
-}  // namespace saltus::report
+}  // namespace saltus::drawing

@@ -1,10 +1,10 @@
-#include "server/worker/report/slice_plane.h"
+#include "core/drawing/slice_plane.h"
 
 #include <algorithm>
 #include <array>
 #include <cmath>
 
-namespace saltus::report {
+namespace saltus::drawing {
 namespace {
 
 /// Sum of |gradient of u| over each slice of each axis. Slices at the border are left out (zero), since what happens
@@ -151,4 +151,4 @@ template std::vector<SlicePlane<3>> choose_planes(const VectorVolume<3>&, int);
 template std::vector<SlicePlane<2>> planes_through(const Vector<2>&, const ImageGrid<2>&, int);
 template std::vector<SlicePlane<3>> planes_through(const Vector<3>&, const ImageGrid<3>&, int);
 
-}  // namespace saltus::report
+}  // namespace saltus::drawing

@@ -6,7 +6,7 @@
 #include <string_view>
 #include <vector>
 
-namespace saltus::report {
+namespace saltus::drawing {
 
 /// Red, green, blue.
 using Colour = std::array<std::uint8_t, 3>;
@@ -43,4 +43,4 @@ std::string base64(std::string_view bytes);
 std::string data_uri(const Raster& raster);
 std::string data_uri(const GreyRaster& raster);
 
-}  // namespace saltus::report
+}  // namespace saltus::drawing

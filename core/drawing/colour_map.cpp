@@ -1,10 +1,10 @@
-#include "server/worker/report/colour_map.h"
+#include "core/drawing/colour_map.h"
 
 #include <algorithm>
 #include <cmath>
 #include <span>
 
-namespace saltus::report {
+namespace saltus::drawing {
 namespace {
 
 // Anchors at even distances. `sequential` follows viridis, `diverging` ColorBrewer's RdBu.
@@ -43,4 +43,4 @@ Colour blend(Colour under, Colour over, double opacity) {
   return mixed;
 }
 
-}  // namespace saltus::report
+}  // namespace saltus::drawing

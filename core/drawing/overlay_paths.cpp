@@ -1,11 +1,11 @@
-#include "server/worker/report/overlay_paths.h"
+#include "core/drawing/overlay_paths.h"
 
-#include "server/worker/report/field_sampling.h"
+#include "core/drawing/field_sampling.h"
 
 #include <algorithm>
 #include <cstdio>
 
-namespace saltus::report {
+namespace saltus::drawing {
 namespace {
 
 constexpr int lines_along_longest_side = 24;
@@ -73,4 +73,4 @@ template std::string arrow_path(const VectorVolume<3>&, const SlicePlane<3>&, do
 template std::string deformed_grid_path(const VectorVolume<2>&, const SlicePlane<2>&);
 template std::string deformed_grid_path(const VectorVolume<3>&, const SlicePlane<3>&);
 
-}  // namespace saltus::report
+}  // namespace saltus::drawing

@@ -1,8 +1,8 @@
-#include "server/worker/report/slice_plane.h"
+#include "core/drawing/slice_plane.h"
 
 #include <gtest/gtest.h>
 
-namespace saltus::report {
+namespace saltus::drawing {
 namespace {
 
 VectorVolume<3> volume(const Index<3>& size, const Vector<3>& spacing) {
@@ -79,4 +79,4 @@ TEST(SlicePlane, CutsTheMiddleWhenNothingMoves) {
 }
 
 }  // namespace
-}  // namespace saltus::report
+}  // namespace saltus::drawing

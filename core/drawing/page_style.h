@@ -1,8 +1,8 @@
 #pragma once
 
-namespace saltus::report {
+namespace saltus::drawing {
 
-/// The style sheet of the page: neutral in light and dark, and white on paper.
+/// The style sheet of pages for people: neutral in light and dark, and white on paper.
 inline constexpr char page_style[] = R"css(
 :root { color-scheme: light dark; --back: #fafaf8; --card: #fff; --ink: #1d2126; --soft: #62686f; --line: #dcdedf;
         --c0: #1f5fa8; --c1: #c2541b; --c2: #3f8f4f; --c3: #8a4fa3; --good: #2e8b57; --look: #b7791f; --bad: #c0392b; }
@@ -92,4 +92,4 @@ footer { margin-top: 40px; color: var(--soft); font-size: 12.5px; }
   * { print-color-adjust: exact; -webkit-print-color-adjust: exact; } }
 )css";
 
-}  // namespace saltus::report
+}  // namespace saltus::drawing

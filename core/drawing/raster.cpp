@@ -1,10 +1,10 @@
-#include "server/worker/report/raster.h"
+#include "core/drawing/raster.h"
 
 #include <png.h>
 
 #include <stdexcept>
 
-namespace saltus::report {
+namespace saltus::drawing {
 
 namespace {
 
@@ -18,7 +18,7 @@ std::string encode(int width, int height, png_uint_32 format, const void* pixels
   png_alloc_size_t bytes = PNG_IMAGE_PNG_SIZE_MAX(image);
   std::string file(bytes, '\0');
   if (!png_image_write_to_memory(&image, file.data(), &bytes, 0, pixels, 0, nullptr))
-    throw std::runtime_error(std::string("a picture of the report cannot be encoded: ") + image.message);
+    throw std::runtime_error(std::string("a picture cannot be encoded: ") + image.message);
   file.resize(bytes);
   return file;
 }
@@ -49,4 +49,4 @@ std::string base64(std::string_view bytes) {
 std::string data_uri(const Raster& raster) { return "data:image/png;base64," + base64(encode_png(raster)); }
 std::string data_uri(const GreyRaster& raster) { return "data:image/png;base64," + base64(encode_png(raster)); }
 
-}  // namespace saltus::report
+}  // namespace saltus::drawing

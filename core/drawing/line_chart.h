@@ -4,7 +4,7 @@
 #include <utility>
 #include <vector>
 
-namespace saltus::report {
+namespace saltus::drawing {
 
 struct Curve {
   std::string name;                               ///< in the legend
@@ -21,4 +21,4 @@ struct LineChart {
 /// An <svg> element. Points that are not finite are left out.
 std::string to_svg(const LineChart& chart);
 
-}  // namespace saltus::report
+}  // namespace saltus::drawing

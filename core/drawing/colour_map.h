@@ -1,8 +1,8 @@
 #pragma once
 
-#include "server/worker/report/raster.h"
+#include "core/drawing/raster.h"
 
-namespace saltus::report {
+namespace saltus::drawing {
 
 /// Values are clipped to the map's range; a value that is not a number is mid grey.
 Colour grey(double value);              ///< [0,1]: black to white
@@ -16,4 +16,4 @@ inline constexpr Colour folded{190, 0, 190};  ///< where a Jacobian is not posit
 /// `over` on `under` with opacity [0,1].
 Colour blend(Colour under, Colour over, double opacity);
 
-}  // namespace saltus::report
+}  // namespace saltus::drawing

@@ -3,7 +3,7 @@
 #include "core/grid/interpolation.h"
 #include "core/grid/volume.h"
 
-namespace saltus::report {
+namespace saltus::drawing {
 
 /// Linear interpolation of one sample per voxel at a continuous index; beyond the grid the border's value.
 template <int Dim>
@@ -23,4 +23,4 @@ Vector<Dim> sample(const VectorVolume<Dim>& field, const Vector<Dim>& index) {
   return vector;
 }
 
-}  // namespace saltus::report
+}  // namespace saltus::drawing
