@@ -140,6 +140,7 @@ int main(int argc, char** argv) {
   ::umask(0077);
   try {
     const ParsedConfig parsed = parse_config(argc, argv);
+    std::cout << parsed.config_text;
     if (parsed.has_ended) return parsed.exit_code;
     start_log(parsed.config.log_level, parsed.config.log_format);
     if (parsed.config.fsck) return check_data_folder(parsed.config.data, std::cout) ? 0 : kFailed;

@@ -1,6 +1,7 @@
 #include "server/config/config.h"
 
 #include "core/support/errors.h"
+#include "server/config/config_file.h"
 #include "server/config/size_text.h"
 #include "server/rpc/limits.h"
 
@@ -9,6 +10,7 @@
 #include <unistd.h>
 
 #include <algorithm>
+#include <charconv>
 #include <map>
 #include <thread>
 
@@ -18,6 +20,12 @@ namespace {
 
 constexpr int kUsage = 2;
 constexpr double kGibibyte = 1 << 30;
+
+/// The shortest text that is read as the same number.
+std::string text_of(double number) {
+  char text[32];
+  return {text, std::to_chars(text, std::end(text), number).ptr};
+}
 
 fs::path default_worker() { return fs::read_symlink("/proc/self/exe").parent_path() / "saltus-worker"; }
 
@@ -84,10 +92,16 @@ ParsedConfig parse_config(int argc, char** argv) {
   std::vector<std::string> listen;
   double lease_seconds = 30, checkpoint_seconds = 30, retry_seconds = 5, stall_seconds = 900, memory_gib = 0;
   config.log_level = "info";
+  bool is_printing = false;
   app.set_version_flag("--version", SALTUS_VERSION);
-  app.add_option("--data", data, "Folder for jobs, images and results; made when missing")
-      ->required()
-      ->type_name("DIR");
+  app.config_formatter(std::make_shared<ConfigFile>(app));
+  app.set_config("--config", "", "A file with these options; --print-config shows how it looks")
+      ->type_name("FILE")
+      ->configurable(false);
+  app.add_flag("--print-config", is_printing,
+               "Print the configuration as the text of such a file, with every option, what it means and its default")
+      ->configurable(false);
+  app.add_option("--data", data, "Folder for jobs, images and results; made when missing")->type_name("DIR");
   app.add_option("--listen", listen,
                  "unix:/path, 127.0.0.1:port, or with mutual TLS host:port; port 0 takes a free one; may be repeated "
                  "[unix:DIR/saltusd.sock]")
@@ -126,8 +140,9 @@ ParsedConfig parse_config(int argc, char** argv) {
       ->check(CLI::Range(0, 876000))
       ->capture_default_str();
   app.add_flag(
-      "--fsck", config.fsck,
-      "Check every blob of a folder that no daemon uses, tell what is damaged, and end: 0 nothing, 1 something");
+         "--fsck", config.fsck,
+         "Check every blob of a folder that no daemon uses, tell what is damaged, and end: 0 nothing, 1 something")
+      ->configurable(false);
   std::string reserve;
   app.add_option(
          "--disk-reserve", reserve,
@@ -167,20 +182,31 @@ ParsedConfig parse_config(int argc, char** argv) {
     parsed.exit_code = app.exit(error) == 0 ? 0 : kUsage;
     return parsed;
   }
-  config.data = fs::absolute(data).lexically_normal();
+  const auto has_default = [&](const std::string& option, const std::string& value) {
+    app.get_option(option)->default_str(value);
+  };
+  if (data.empty() && !is_printing)
+    throw InvalidInput("--data is not given; name the folder for jobs, images and results");
+  config.data = data.empty() ? "/DIR" : fs::absolute(data).lexically_normal();
   config.roles = roles;
+  has_default("--listen", "unix:" + (config.data / "saltusd.sock").string());
   read_addresses(config, listen);
   if (!metrics.empty()) read_metrics_address(config, metrics);
   const int cores = std::max(1, static_cast<int>(std::thread::hardware_concurrency()));
   if (config.threads_per_job == 0) config.threads_per_job = cores;
+  has_default("--threads-per-job", std::to_string(config.threads_per_job));
   if (config.slots == 0) config.slots = std::max(1, cores / config.threads_per_job);
+  has_default("--slots", std::to_string(config.slots));
   if (config.threads == 0) config.threads = std::max(cores, config.slots * config.threads_per_job);
+  has_default("--threads", std::to_string(config.threads));
   if (config.threads < config.threads_per_job)
     throw InvalidInput("--threads is " + std::to_string(config.threads) + "; it must be at least " +
                        std::to_string(config.threads_per_job) + ", the threads of one job");
   config.memory_budget = memory_gib > 0 ? static_cast<std::int64_t>(memory_gib * kGibibyte) : default_memory_budget();
+  has_default("--memory-budget", text_of(static_cast<double>(config.memory_budget) / kGibibyte));
   config.worker = worker.empty() ? default_worker() : fs::absolute(worker);
-  require_program(config.worker);
+  has_default("--worker", config.worker.string());
+  if (!is_printing) require_program(config.worker);
   if (!reserve.empty()) config.reserve = parse_reserve(reserve);
   config.upload_quota = parse_size("--upload-quota", upload_quota);
   config.retention = {std::chrono::hours(24 * input_days), std::chrono::hours(24 * result_days),
@@ -189,6 +215,8 @@ ParsedConfig parse_config(int argc, char** argv) {
   config.checkpoint_interval = milliseconds(checkpoint_seconds);
   config.retry_delay = milliseconds(retry_seconds);
   config.stall_timeout = milliseconds(stall_seconds);
+  parsed.has_ended = is_printing;
+  if (is_printing) parsed.config_text = app.config_to_str();
   return parsed;
 }
 

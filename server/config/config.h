@@ -14,7 +14,7 @@
 
 namespace saltus::server {
 
-/// What the command line says.
+/// What command line and configuration file say.
 struct Config {
   std::filesystem::path data;
   ListenAddress listen;  ///< on this machine; workers use it
@@ -40,15 +40,19 @@ struct Config {
   std::string metrics_host;
   int metrics_port = -1;  ///< -1: no metrics
   bool exit_on_stdin_close = false;
+
+  bool operator==(const Config&) const = default;
 };
 
 struct ParsedConfig {
   Config config;
-  bool has_ended = false;  ///< help or version was printed, or the usage was wrong: end with exit_code
+  bool has_ended = false;   ///< help or version was printed, the usage was wrong, or config_text is wanted: end with
+                            ///< exit_code
+  std::string config_text;  ///< what --print-config prints
   int exit_code = 0;
 };
 
-/// Reads the command line and fills in what it leaves out. Throws InvalidInput.
+/// Reads the command line and the file of --config, and fills in what they leave out. Throws InvalidInput.
 ParsedConfig parse_config(int argc, char** argv);
 
 }  // namespace saltus::server

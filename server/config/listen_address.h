@@ -16,6 +16,7 @@ struct ListenAddress {
   int port = 0;      ///< 0: one that is free
 
   std::string to_text() const;
+  bool operator==(const ListenAddress&) const = default;
 };
 
 /// "unix:/path" or "host:port"; all ports are Protected with mutual TLS, without it only 127.0.0.1, localhost and [::1]

@@ -14,6 +14,8 @@ struct Retention {
   std::chrono::hours inputs{7 * 24};    ///< blobs that no job refers to
   std::chrono::hours results{30 * 24};  ///< jobs with their results, after their end
   std::chrono::hours uploads{24};       ///< uploads that were begun, after their last byte
+
+  bool operator==(const Retention&) const = default;
 };
 
 /// What one run has removed.

@@ -17,6 +17,8 @@ struct TlsFiles {
   std::string key;               ///< of `certificate`
   std::string client_authority;  ///< clients need a certificate of one of these
   std::chrono::seconds reload_interval{10};
+
+  bool operator==(const TlsFiles&) const = default;
 };
 
 /// Throws InvalidInput when a file cannot be read, or the key is not the certificate's.

@@ -12,6 +12,8 @@ namespace saltus::server {
 struct ReserveSettings {
   double fraction = 0.05;  ///< of the file system
   std::int64_t bytes = std::int64_t{2} << 30;
+
+  bool operator==(const ReserveSettings&) const = default;
 };
 
 /// Room on the disk for uploads that have begun, promised before their bytes come. Thread-safe.
