@@ -1,5 +1,7 @@
 #pragma once
 
+#include "core/drawing/raster.h"
+
 #include <string>
 #include <utility>
 #include <vector>
@@ -20,5 +22,8 @@ struct LineChart {
 
 /// An <svg> element. Points that are not finite are left out.
 std::string to_svg(const LineChart& chart);
+
+/// The same as a picture of 420 x 270 pixels times `scale`, on white. A point that is not finite breaks its curve.
+Raster to_raster(const LineChart& chart, double scale = 1);
 
 }  // namespace saltus::drawing

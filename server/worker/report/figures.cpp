@@ -3,7 +3,7 @@
 #include "core/drawing/colour_map.h"
 #include "core/drawing/line_chart.h"
 #include "core/drawing/markup.h"
-#include "core/drawing/overlay_paths.h"
+#include "core/drawing/overlay_lines.h"
 #include "server/worker/report/interface_paths.h"
 #include "server/worker/report/panels.h"
 #include "server/worker/report/pictures.h"
@@ -88,7 +88,8 @@ class Figures {
         "Displacement", "length of u(x); arrows: from x towards x + u(x)",
         [&](const SlicePlane<Dim>& plane) {
           return Panels<Dim>::image(plane, pictures_.displacement(plane), "Displacement") +
-                 Panels<Dim>::overlay(plane, "arrows", path(arrow_path(input_.result->displacement, plane, most)));
+                 Panels<Dim>::overlay(plane, "arrows",
+                                      path(svg_path(arrow_lines(input_.result->displacement, plane, most))));
         },
         colour_bar(sequential, {"0", number(most / 2), number(most)}, "mm"));
   }
@@ -97,7 +98,8 @@ class Figures {
     return panels_.figure(
         "Deformed grid", "fixed grid carried by u over the moving image", [&](const SlicePlane<Dim>& plane) {
           return Panels<Dim>::image(plane, pictures_.moving(plane), "Deformed grid") +
-                 Panels<Dim>::overlay(plane, "lines", path(deformed_grid_path(input_.result->displacement, plane)));
+                 Panels<Dim>::overlay(plane, "lines",
+                                      path(svg_path(deformed_grid_lines(input_.result->displacement, plane))));
         });
   }
 

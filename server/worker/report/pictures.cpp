@@ -2,6 +2,7 @@
 
 #include "core/drawing/colour_map.h"
 #include "core/drawing/field_sampling.h"
+#include "core/drawing/painting.h"
 #include "core/evaluation/statistics.h"
 #include "server/worker/report/measures.h"
 
@@ -13,16 +14,6 @@ namespace saltus::report {
 using namespace drawing;
 
 namespace {
-
-/// At most about 200 000 of the samples, evenly spread: enough for the scale of a colour map.
-template <class Value>
-std::vector<double> thinned_and_sorted(std::size_t count, const Value& value) {
-  const std::size_t step = count / 200'000 + 1;
-  std::vector<double> values;
-  for (std::size_t i = 0; i < count; i += step) values.push_back(value(i));
-  std::sort(values.begin(), values.end());
-  return values;
-}
 
 template <int Dim>
 double largest(const VectorVolume<Dim>& field) {
@@ -81,14 +72,6 @@ Pictures<Dim>::Pictures(const ReportInput<Dim>& input) : input_(input) {
 }
 
 template <int Dim>
-typename Pictures<Dim>::Window Pictures<Dim>::window_of(const Volume<Dim>& image) {
-  const auto values = thinned_and_sorted(image.samples.size(), [&](std::size_t i) { return image.samples[i]; });
-  Window window{quantile_of_sorted(values, 0.002), quantile_of_sorted(values, 0.998)};
-  if (!(window.high > window.low)) window = {window.low - 0.5, window.low + 0.5};
-  return window;
-}
-
-template <int Dim>
 double Pictures<Dim>::fixed_at(const Vector<Dim>& index) const {
   const Volume<Dim>& image = input_.input->fixed;
   return fixed_window_(sample(image.grid, image.samples.data(), index));
@@ -121,41 +104,30 @@ double Pictures<Dim>::jacobian_at(const Vector<Dim>& index) const {
 }
 
 template <int Dim>
-template <class ColourAt>
-Raster Pictures<Dim>::paint(const SlicePlane<Dim>& plane, const ColourAt& colour_at) const {
-  Raster raster(plane.width, plane.height);
-  const ImageGrid<Dim>& grid = input_.input->fixed.grid;
-  for (int row = 0; row < plane.height; ++row)
-    for (int column = 0; column < plane.width; ++column)
-      raster.at(column, row) = colour_at(plane.index_at(column + 0.5, row + 0.5, grid), column, row);
-  return raster;
-}
-
-template <int Dim>
 Raster Pictures<Dim>::fixed(const SlicePlane<Dim>& plane) const {
-  return paint(plane, [&](const Vector<Dim>& index, int, int) { return grey(fixed_at(index)); });
+  return paint(plane, grid(), [&](const Vector<Dim>& index, int, int) { return grey(fixed_at(index)); });
 }
 
 template <int Dim>
 Raster Pictures<Dim>::moving(const SlicePlane<Dim>& plane) const {
-  return paint(plane, [&](const Vector<Dim>& index, int, int) { return grey(moving_at(index)); });
+  return paint(plane, grid(), [&](const Vector<Dim>& index, int, int) { return grey(moving_at(index)); });
 }
 
 template <int Dim>
 Raster Pictures<Dim>::warped(const SlicePlane<Dim>& plane) const {
-  return paint(plane, [&](const Vector<Dim>& index, int, int) { return grey(warped_at(index)); });
+  return paint(plane, grid(), [&](const Vector<Dim>& index, int, int) { return grey(warped_at(index)); });
 }
 
 template <int Dim>
 Raster Pictures<Dim>::difference_before(const SlicePlane<Dim>& plane) const {
-  return paint(plane, [&](const Vector<Dim>& index, int, int) {
+  return paint(plane, grid(), [&](const Vector<Dim>& index, int, int) {
     return diverging((moving_at(index) - fixed_at(index)) / difference_range_);
   });
 }
 
 template <int Dim>
 Raster Pictures<Dim>::difference_after(const SlicePlane<Dim>& plane) const {
-  return paint(plane, [&](const Vector<Dim>& index, int, int) {
+  return paint(plane, grid(), [&](const Vector<Dim>& index, int, int) {
     return diverging((warped_at(index) - fixed_at(index)) / difference_range_);
   });
 }
@@ -163,7 +135,7 @@ Raster Pictures<Dim>::difference_after(const SlicePlane<Dim>& plane) const {
 template <int Dim>
 Raster Pictures<Dim>::checkerboard(const SlicePlane<Dim>& plane) const {
   const int field = std::max(2, (std::max(plane.width, plane.height) + 7) / 8);
-  return paint(plane, [&](const Vector<Dim>& index, int column, int row) {
+  return paint(plane, grid(), [&](const Vector<Dim>& index, int column, int row) {
     const bool is_fixed = (column / field + row / field) % 2 == 0;
     return grey(is_fixed ? fixed_at(index) : warped_at(index));
   });
@@ -171,14 +143,14 @@ Raster Pictures<Dim>::checkerboard(const SlicePlane<Dim>& plane) const {
 
 template <int Dim>
 Raster Pictures<Dim>::displacement(const SlicePlane<Dim>& plane) const {
-  return paint(plane, [&](const Vector<Dim>& index, int, int) {
+  return paint(plane, grid(), [&](const Vector<Dim>& index, int, int) {
     return sequential(displacement_at(index) / displacement_range_);
   });
 }
 
 template <int Dim>
 Raster Pictures<Dim>::jacobian(const SlicePlane<Dim>& plane) const {
-  return paint(plane, [&](const Vector<Dim>& index, int, int) {
+  return paint(plane, grid(), [&](const Vector<Dim>& index, int, int) {
     const double j = jacobian_at(index);
     return j > 0 ? diverging(std::log2(j) / std::log2(jacobian_range_)) : folded;
   });
@@ -187,10 +159,9 @@ Raster Pictures<Dim>::jacobian(const SlicePlane<Dim>& plane) const {
 template <int Dim>
 Raster Pictures<Dim>::momentum(const SlicePlane<Dim>& plane, std::size_t field) const {
   const VectorVolume<Dim>& vectors = input_.result->momenta[field].vectors;
-  const ImageGrid<Dim>& grid = input_.input->fixed.grid;
   const double range = momentum_ranges_[field] > 0 ? momentum_ranges_[field] : 1;
-  return paint(plane, [&](const Vector<Dim>& index, int, int) {
-    const Vector<Dim> nearest = vectors.grid.to_index(grid.to_world(index)).array().round().matrix();
+  return paint(plane, grid(), [&](const Vector<Dim>& index, int, int) {
+    const Vector<Dim> nearest = vectors.grid.to_index(grid().to_world(index)).array().round().matrix();
     const double share = sample(vectors, nearest).norm() / range;
     // The image stays visible, dimmed, where the momentum is small.
     return blend(grey(0.1 + 0.45 * std::clamp(fixed_at(index), 0.0, 1.0)), heat(0.35 + 0.65 * share),

@@ -1,5 +1,6 @@
 #pragma once
 
+#include "core/drawing/painting.h"
 #include "core/drawing/raster.h"
 #include "core/drawing/slice_plane.h"
 #include "server/worker/report/report.h"
@@ -37,17 +38,10 @@ class Pictures {
   double momentum_range(std::size_t field) const { return momentum_ranges_[field]; }
 
  private:
-  struct Window {
-    double low = 0, high = 1;
-    double operator()(double intensity) const { return (intensity - low) / (high - low); }
-  };
-  static Window window_of(const Volume<Dim>& image);
-
-  template <class ColourAt>
-  drawing::Raster paint(const drawing::SlicePlane<Dim>& plane, const ColourAt& colour_at) const;
+  const ImageGrid<Dim>& grid() const { return input_.input->fixed.grid; }
 
   const ReportInput<Dim>& input_;
-  Window fixed_window_, moving_window_;
+  drawing::IntensityWindow fixed_window_, moving_window_;
   double difference_range_ = 1, displacement_range_ = 1, jacobian_range_ = 2;
   std::vector<double> momentum_ranges_;
 };

@@ -1,4 +1,4 @@
-#include "core/drawing/overlay_paths.h"
+#include "core/drawing/overlay_lines.h"
 
 #include <gtest/gtest.h>
 
@@ -24,21 +24,22 @@ VectorVolume<2> uniform(const Vector<2>& u) {
   return field;
 }
 
-TEST(DeformedGridPath, IsCarriedByTheDisplacement) {
+TEST(DeformedGridLines, IsCarriedByTheDisplacement) {
   const Vector<2> u(3, -2);
   const VectorVolume<2> still = uniform({0, 0}), moving = uniform(u);
   const SlicePlane<2> plane = choose_planes(still).front();
-  const auto before = points_of(deformed_grid_path(still, plane)), after = points_of(deformed_grid_path(moving, plane));
+  const auto before = points_of(svg_path(deformed_grid_lines(still, plane))),
+             after = points_of(svg_path(deformed_grid_lines(moving, plane)));
   ASSERT_EQ(before.size(), after.size());
   ASSERT_GT(before.size(), 100u);
   for (std::size_t i = 0; i < before.size(); ++i)
     EXPECT_LT((after[i] - before[i] - u / plane.pixel_mm).norm(), 0.15);  // the path has one decimal
 }
 
-TEST(ArrowPath, PointsAlongTheDisplacementAtItsScale) {
+TEST(ArrowLines, PointsAlongTheDisplacementAtItsScale) {
   const VectorVolume<2> field = uniform({0, 3});
   const SlicePlane<2> plane = choose_planes(field).front();
-  const auto points = points_of(arrow_path(field, plane, 6));
+  const auto points = points_of(svg_path(arrow_lines(field, plane, 6)));
   ASSERT_GT(points.size(), 100u);
   ASSERT_EQ(points.size() % 5, 0u);
   for (std::size_t i = 0; i < points.size(); i += 5) {
@@ -48,9 +49,9 @@ TEST(ArrowPath, PointsAlongTheDisplacementAtItsScale) {
   }
 }
 
-TEST(ArrowPath, LeavesOutWhatHardlyMoves) {
+TEST(ArrowLines, LeavesOutWhatHardlyMoves) {
   const VectorVolume<2> field = uniform({0.1, 0});
-  EXPECT_EQ(arrow_path(field, choose_planes(field).front(), 6), "");
+  EXPECT_TRUE(arrow_lines(field, choose_planes(field).front(), 6).empty());
 }
 
 }  // namespace

@@ -1,4 +1,4 @@
-#include "core/drawing/overlay_paths.h"
+#include "core/drawing/overlay_lines.h"
 
 #include "core/drawing/field_sampling.h"
 
@@ -12,42 +12,36 @@ constexpr int lines_along_longest_side = 24;
 constexpr int points_along_longest_side = 192;
 constexpr int arrows_along_longest_side = 16;
 
-void add_point(std::string& path, char command, const Vector<2>& point) {
-  char text[64];
-  std::snprintf(text, sizeof text, "%c%.1f %.1f", command, point[0], point[1]);
-  path += text;
-}
-
 }  // namespace
 
 template <int Dim>
-std::string deformed_grid_path(const VectorVolume<Dim>& displacement, const SlicePlane<Dim>& plane) {
+Strokes deformed_grid_lines(const VectorVolume<Dim>& displacement, const SlicePlane<Dim>& plane) {
   const ImageGrid<Dim>& grid = displacement.grid;
   const double longest = std::max(plane.width, plane.height);
   const double distance = longest / lines_along_longest_side;
   const double step = std::max(1.0, longest / points_along_longest_side);
-  std::string path;
-  const auto add = [&](double column, double row, char command) {
+  Strokes lines;
+  const auto add = [&](double column, double row) {
     const Vector<Dim> index = plane.index_at(column, row, grid);
     const Vector<Dim> moved = grid.to_index(grid.to_world(index) + sample(displacement, index));
-    add_point(path, command, plane.picture_point(moved, grid));
+    lines.back().push_back(plane.picture_point(moved, grid));
   };
   const auto add_lines = [&](double across, double along, const auto& point) {
     for (double line = distance / 2; line < across; line += distance) {
-      char command = 'M';
-      for (double at = 0; at <= along + 1e-9; at += step, command = 'L') point(line, at, command);
+      lines.emplace_back();
+      for (double at = 0; at <= along + 1e-9; at += step) point(line, at);
     }
   };
-  add_lines(plane.width, plane.height, [&](double line, double at, char command) { add(line, at, command); });
-  add_lines(plane.height, plane.width, [&](double line, double at, char command) { add(at, line, command); });
-  return path;
+  add_lines(plane.width, plane.height, [&](double line, double at) { add(line, at); });
+  add_lines(plane.height, plane.width, [&](double line, double at) { add(at, line); });
+  return lines;
 }
 
 template <int Dim>
-std::string arrow_path(const VectorVolume<Dim>& displacement, const SlicePlane<Dim>& plane, double longest_mm) {
+Strokes arrow_lines(const VectorVolume<Dim>& displacement, const SlicePlane<Dim>& plane, double longest_mm) {
   const ImageGrid<Dim>& grid = displacement.grid;
   const double distance = static_cast<double>(std::max(plane.width, plane.height)) / arrows_along_longest_side;
-  std::string path;
+  Strokes arrows;
   for (double row = distance / 2; row < plane.height; row += distance)
     for (double column = distance / 2; column < plane.width; column += distance) {
       const Vector<Dim> index = plane.index_at(column, row, grid);
@@ -59,18 +53,29 @@ std::string arrow_path(const VectorVolume<Dim>& displacement, const SlicePlane<D
       if (!(arrow.norm() > 0.12 * distance)) continue;
       const Vector<2> tip = middle + arrow / 2, across(-arrow[1], arrow[0]);
       const double head = std::min(0.35, 0.2 * distance / arrow.norm());
-      add_point(path, 'M', middle - arrow / 2);
-      add_point(path, 'L', tip);
-      add_point(path, 'M', tip - head * arrow + 0.6 * head * across);
-      add_point(path, 'L', tip);
-      add_point(path, 'L', tip - head * arrow - 0.6 * head * across);
+      arrows.push_back({middle - arrow / 2, tip});
+      arrows.push_back({tip - head * arrow + 0.6 * head * across, tip, tip - head * arrow - 0.6 * head * across});
     }
+  return arrows;
+}
+
+std::string svg_path(const Strokes& strokes) {
+  std::string path;
+  for (const Stroke& stroke : strokes) {
+    char command = 'M';
+    for (const Vector<2>& point : stroke) {
+      char text[64];
+      std::snprintf(text, sizeof text, "%c%.1f %.1f", command, point[0], point[1]);
+      path += text;
+      command = 'L';
+    }
+  }
   return path;
 }
 
-template std::string arrow_path(const VectorVolume<2>&, const SlicePlane<2>&, double);
-template std::string arrow_path(const VectorVolume<3>&, const SlicePlane<3>&, double);
-template std::string deformed_grid_path(const VectorVolume<2>&, const SlicePlane<2>&);
-template std::string deformed_grid_path(const VectorVolume<3>&, const SlicePlane<3>&);
+template Strokes arrow_lines(const VectorVolume<2>&, const SlicePlane<2>&, double);
+template Strokes arrow_lines(const VectorVolume<3>&, const SlicePlane<3>&, double);
+template Strokes deformed_grid_lines(const VectorVolume<2>&, const SlicePlane<2>&);
+template Strokes deformed_grid_lines(const VectorVolume<3>&, const SlicePlane<3>&);
 
 }  // namespace saltus::drawing

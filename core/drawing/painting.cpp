@@ -1,0 +1,18 @@
+#include "core/drawing/painting.h"
+
+#include "core/evaluation/statistics.h"
+
+namespace saltus::drawing {
+
+template <int Dim>
+IntensityWindow window_of(const Volume<Dim>& image) {
+  const auto values = thinned_and_sorted(image.samples.size(), [&](std::size_t i) { return image.samples[i]; });
+  IntensityWindow window{quantile_of_sorted(values, 0.002), quantile_of_sorted(values, 0.998)};
+  if (!(window.high > window.low)) window = {window.low - 0.5, window.low + 0.5};
+  return window;
+}
+
+template IntensityWindow window_of(const Volume<2>&);
+template IntensityWindow window_of(const Volume<3>&);
+
+}  // namespace saltus::drawing
