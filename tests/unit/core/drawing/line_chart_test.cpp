@@ -7,13 +7,11 @@
 namespace saltus::drawing {
 namespace {
 
-const Colour first_curve{31, 95, 168};
-
-/// Columns whose lowest or highest pixel of the first curve's colour is `row`, below the legend.
+/// The rows in a column, below the legend, that are nearly of the first curve's blue.
 std::vector<int> rows_of_curve(const Raster& raster, int column) {
   std::vector<int> rows;
   for (int row = 45; row < raster.height; ++row)
-    if (raster.at(column, row) == first_curve) rows.push_back(row);
+    if (raster.at(column, row)[0] < 100 && raster.at(column, row)[2] > 150) rows.push_back(row);
   return rows;
 }
 
