@@ -12,7 +12,6 @@ namespace {
 
 // How late a lease's end or the next step of a cancel may be noticed.
 constexpr auto kTick = std::chrono::milliseconds(50);
-constexpr auto kPingInterval = std::chrono::seconds(5);
 constexpr auto kCallGrace = std::chrono::milliseconds(500);
 
 }  // namespace
@@ -20,6 +19,8 @@ constexpr auto kCallGrace = std::chrono::milliseconds(500);
 Daemon::Daemon(const DaemonSettings& settings, std::function<void(const std::string&)> on_broken, DaemonParts parts)
     : directory_(settings.data),
       log_(settings.log),
+      ping_interval_(settings.ping_interval),
+      on_alive_(settings.on_alive),
       clock_(parts.clock ? std::move(parts.clock) : std::make_shared<SystemClock>()),
       disk_(parts.disk ? std::move(parts.disk) : std::make_shared<Disk>()),
       metrics_(settings.version, settings.data),
@@ -153,8 +154,11 @@ void Daemon::run() {
     jobs_->tick();
     if (roles_) roles_->reload_if_changed();
     if (const auto now = clock_->steady(); now >= next_ping) {
-      next_ping = now + kPingInterval;
-      rpc_->ping([this](auto time) { metrics_.pinged(time); });
+      next_ping = now + ping_interval_;
+      rpc_->ping([this](auto time) {
+        metrics_.pinged(time);
+        on_alive_();
+      });
     }
     stalls_.cut();
     watch_reserve();

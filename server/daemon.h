@@ -45,6 +45,9 @@ struct DaemonSettings {
   int metrics_port = -1;  ///< -1: no metrics are served; 0: a port that is free
   std::function<void(const LogLine& line)> log = [](const LogLine&) {};  ///< from any thread
   std::function<std::uint64_t()> dropped_log_lines = [] { return 0; };   ///< so far; from any thread
+  std::chrono::milliseconds ping_interval = std::chrono::seconds(5);     ///< between two calls to itself
+  /// After each of these calls: the daemon's own thread goes round, and gRPC's threads answer. From any thread.
+  std::function<void()> on_alive = [] {};
 };
 
 /// What tests replace. The default of each is the real thing.
@@ -90,6 +93,8 @@ class Daemon {
   std::shared_ptr<RolesFile> roles_;
   DataDirectory directory_;
   const std::function<void(const LogLine&)> log_;
+  const std::chrono::milliseconds ping_interval_;
+  const std::function<void()> on_alive_;
   const std::shared_ptr<const Clock> clock_;
   const std::shared_ptr<Disk> disk_;
   Metrics metrics_;

@@ -2,6 +2,7 @@
 #include "server/config/config.h"
 #include "server/daemon.h"
 #include "server/observe/log_output.h"
+#include "server/observe/service_manager.h"
 #include "server/offline_fsck.h"
 #include "server/rpc/limits.h"
 #include "server/rpc/status_map.h"
@@ -12,6 +13,7 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <atomic>
 #include <cerrno>
 #include <cstdio>
@@ -108,14 +110,30 @@ DaemonParts parts_of_process() {
   return parts;
 }
 
-int serve(const Config& config, int signals) {
+/// Whoever cannot be told will end the daemon by its own rules; until then it has work to do.
+template <class Message>
+void tell(const Message& message) {
+  try {
+    message();
+  } catch (const std::exception& error) {
+    write_log({LogLine::Level::Warning, error.what()});
+  }
+}
+
+int serve(const Config& config, const ServiceManager& manager, int signals) {
   std::atomic<bool> is_broken{false};
   const auto on_broken = [&](const std::string& reason) {
     write_log(
         {LogLine::Level::Error, "the disk has failed, so the daemon only reads until it is started again: " + reason});
     is_broken = true;
   };
-  Daemon daemon(settings_of(config), on_broken, parts_of_process());
+  DaemonSettings settings = settings_of(config);
+  settings.on_alive = [&] { tell([&] { manager.alive(); }); };
+  // Several times in the time that is given, so that one answer that is late ends nothing.
+  if (manager.watchdog())
+    settings.ping_interval = std::clamp(std::chrono::duration_cast<std::chrono::milliseconds>(*manager.watchdog() / 4),
+                                        std::chrono::milliseconds(1), settings.ping_interval);
+  Daemon daemon(settings, on_broken, parts_of_process());
   write_log("saltusd " SALTUS_VERSION " serves " + daemon.address() + " with " + std::to_string(config.slots) +
             " slots");
   std::printf("listening on %s\n", daemon.address().c_str());
@@ -124,7 +142,9 @@ int serve(const Config& config, int signals) {
   if (daemon.metrics_port() > 0)
     std::printf("metrics on http://%s:%d/metrics\n", config.metrics_host.c_str(), daemon.metrics_port());
   std::fflush(stdout);
+  tell([&] { manager.ready("serves " + daemon.address()); });
   wait_for_end(signals, config.exit_on_stdin_close);
+  tell([&] { manager.stopping(); });
   daemon.stop();
   write_log("stopped");
   return is_broken ? kFailed : 0;
@@ -139,12 +159,13 @@ int main(int argc, char** argv) {
   const int signals = take_signals();
   ::umask(0077);
   try {
+    const ServiceManager manager = ServiceManager::from_environment();
     const ParsedConfig parsed = parse_config(argc, argv);
     std::cout << parsed.config_text;
     if (parsed.has_ended) return parsed.exit_code;
     start_log(parsed.config.log_level, parsed.config.log_format);
     if (parsed.config.fsck) return check_data_folder(parsed.config.data, std::cout) ? 0 : kFailed;
-    return serve(parsed.config, signals);
+    return serve(parsed.config, manager, signals);
   } catch (const InvalidInput& error) {
     std::fprintf(stderr, "saltusd: %s\n", error.what());
     return kUsage;
