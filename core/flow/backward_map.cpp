@@ -53,6 +53,38 @@ void BackwardMap<Dim, T>::adjoint(const std::vector<Field<T>>& velocities, const
   }
 }
 
+namespace {
+
+/// v of a node at a point of the frame.
+template <int Dim, class T>
+Vector<Dim> sampled(const Lattice<Dim>& lattice, const Field<T>& velocity, const Vector<Dim>& at) {
+  std::array<T, Dim> coordinates;
+  for (int c = 0; c < Dim; ++c) coordinates[c] = static_cast<T>((at[c] - lattice.offset[c]) / lattice.spacing[c]);
+  const auto value = LinearCell<Dim, T>(lattice, coordinates).template value<Dim>(velocity.data());
+  Vector<Dim> vector;
+  for (int c = 0; c < Dim; ++c) vector[c] = value[c];
+  return vector;
+}
+
+template <int Dim, class T>
+Vector<Dim> heun_step(const Lattice<Dim>& lattice, const Field<T>& first, const Field<T>& second, double step,
+                      const Vector<Dim>& at) {
+  const Vector<Dim> v = sampled<Dim, T>(lattice, first, at);
+  return at + 0.5 * step * (v + sampled<Dim, T>(lattice, second, at + step * v));
+}
+
+}  // namespace
+
+template <int Dim, class T>
+Vector<Dim> forward_guess(const Lattice<Dim>& lattice, const std::vector<Field<T>>& velocities,
+                          const Vector<Dim>& start) {
+  const int time_steps = static_cast<int>(velocities.size()) - 1;
+  Vector<Dim> position = start;
+  for (int k = 0; k < time_steps; ++k)
+    position = heun_step<Dim, T>(lattice, velocities[k], velocities[k + 1], 1.0 / time_steps, position);
+  return position;
+}
+
 template <int Dim, class T>
 Vector<Dim> forward_point(const Lattice<Dim>& lattice, const std::vector<Field<T>>& velocities,
                           const Vector<Dim>& start) {
@@ -60,22 +92,13 @@ Vector<Dim> forward_point(const Lattice<Dim>& lattice, const std::vector<Field<T
   const int time_steps = static_cast<int>(velocities.size()) - 1;
   const double dt = 1.0 / time_steps;
   const double close = 1e-4 * *std::min_element(lattice.spacing.begin(), lattice.spacing.end());
-  const auto sample = [&](int node, const Vector<Dim>& at) {
-    std::array<T, Dim> coordinates;
-    for (int c = 0; c < Dim; ++c) coordinates[c] = static_cast<T>((at[c] - lattice.offset[c]) / lattice.spacing[c]);
-    const auto value = LinearCell<Dim, T>(lattice, coordinates).template value<Dim>(velocities[node].data());
-    Vector<Dim> vector;
-    for (int c = 0; c < Dim; ++c) vector[c] = value[c];
-    return vector;
-  };
   Vector<Dim> position = start;
   for (int k = 0; k < time_steps; ++k) {
-    const auto back = [&](const Vector<Dim>& x) -> Vector<Dim> {
-      const Vector<Dim> v = sample(k + 1, x);
-      return x - 0.5 * dt * (v + sample(k, x - dt * v));
+    const auto back = [&](const Vector<Dim>& x) {
+      return heun_step<Dim, T>(lattice, velocities[k + 1], velocities[k], -dt, x);
     };
-    const Vector<Dim> target = position, v = sample(k, target);
-    position += 0.5 * dt * (v + sample(k + 1, target + dt * v));
+    const Vector<Dim> target = position;
+    position = heun_step<Dim, T>(lattice, velocities[k], velocities[k + 1], dt, target);
     Vector<Dim> missing = target - back(position), trial = position;
     for (int round = 0; round < kMostRounds && missing.norm() > close; ++round) {
       trial = position + missing;
@@ -107,6 +130,7 @@ template class BackwardMap<3, float>;
 template class BackwardMap<2, double>;
 template class BackwardMap<3, double>;
 #define SALTUS_FORWARD(DIM, T)                                                                                       \
+  template Vector<DIM> forward_guess<DIM, T>(const Lattice<DIM>&, const std::vector<Field<T>>&, const Vector<DIM>&); \
   template Vector<DIM> forward_point<DIM, T>(const Lattice<DIM>&, const std::vector<Field<T>>&, const Vector<DIM>&); \
   template Field<T> forward_map<DIM, T>(const Lattice<DIM>&, const Lattice<DIM>&, const std::vector<Field<T>>&);
 SALTUS_FORWARD(2, float)

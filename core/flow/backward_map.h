@@ -36,6 +36,12 @@ template <int Dim, class T>
 Vector<Dim> forward_point(const Lattice<Dim>& velocity_lattice, const std::vector<Field<T>>& velocities,
                           const Vector<Dim>& start);
 
+/// phi_1(y) by Heun's rule alone: within the error of the time steps of forward_point, at a quarter of its price or
+/// less.
+template <int Dim, class T>
+Vector<Dim> forward_guess(const Lattice<Dim>& velocity_lattice, const std::vector<Field<T>>& velocities,
+                          const Vector<Dim>& start);
+
 /// phi_1(y) - y on the sites of a lattice, mm.
 template <int Dim, class T>
 Field<T> forward_map(const Lattice<Dim>& points, const Lattice<Dim>& velocity_lattice,

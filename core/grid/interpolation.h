@@ -122,6 +122,19 @@ struct LinearCell {
     return sum;
   }
 
+  /// `value`, and d value[c] / d index coordinate `axis` as slopes[c][axis].
+  template <int Channels>
+  [[gnu::always_inline]] std::array<T, Channels> value_and_slopes(
+      const T* field, std::array<std::array<T, Dim>, Channels>& slopes) const {
+    std::array<T, Channels> sum;
+    for (int c = 0; c < Channels; ++c) {
+      std::array<T, corners> values;
+      for (int bits = 0; bits < corners; ++bits) values[bits] = field[Channels * corner(bits) + c];
+      slopes[c] = gradient_of(values, &sum[c]);
+    }
+    return sum;
+  }
+
   /// Transpose of `value`: adds the weights times `given` to the corners whose index along the last axis is in
   /// [begin, end).
   template <int Channels>
@@ -185,9 +198,9 @@ struct LinearCell {
     return rows;
   }
 
-  /// d / d index coordinate of the interpolation of values at the corners: axis by axis, so that every axis halves what
-  /// is left.
-  [[gnu::always_inline]] std::array<T, Dim> gradient_of(std::array<T, corners> values) const {
+  /// d / d index coordinate of the interpolation of values at the corners, and that itself where `value` is given: axis
+  /// by axis, so that every axis halves what is left.
+  [[gnu::always_inline]] std::array<T, Dim> gradient_of(std::array<T, corners> values, T* value = nullptr) const {
     T slopes[Dim][corners / 2];
 #pragma GCC unroll 3
     for (int axis = 0; axis < Dim; ++axis) {
@@ -207,6 +220,7 @@ struct LinearCell {
     }
     std::array<T, Dim> gradient;
     for (int axis = 0; axis < Dim; ++axis) gradient[axis] = slopes[axis][0];
+    if (value) *value = values[0];
     return gradient;
   }
 };

@@ -66,26 +66,44 @@ Field<float> write_fields(const RegistrationInput<Dim>& input, const Lattice<Dim
       Vector<Dim> at;
       for (int c = 0; c < Dim; ++c) at[c] = index[c];
       const Vector<Dim> world = moving.to_world(at), start = frame_of(world);
-      Vector<Dim> position = forward_point<Dim, float>(lattice, velocities, start);
-      // The flow is undone; what is left is that users take the displacement linearly between voxels.
-      const auto missing_at = [&](const Vector<Dim>& at) -> Vector<Dim> {
+      // Users take the displacement linearly between voxels: Newton's method undoes just that, with the slopes of the
+      // cell it is in. What is missing after a round is kept beside them.
+      struct Place {
+        Vector<Dim> at, missing;
+        Matrix<Dim> slopes;  ///< of x + u(x)
+      };
+      const auto look_at = [&](const Vector<Dim>& at) {
+        Place place{at, start - at, Matrix<Dim>::Identity()};
         std::array<float, Dim> coordinates;
         for (int c = 0; c < Dim; ++c) coordinates[c] = static_cast<float>(at[c] / fixed_lattice.spacing[c]);
-        const auto u = LinearCell<Dim, float>(fixed_lattice, coordinates).template value<Dim>(backward.data());
-        Vector<Dim> missing = start - at;
-        for (int c = 0; c < Dim; ++c) missing[c] -= u[c];
-        return missing;
+        std::array<std::array<float, Dim>, Dim> slopes;
+        const auto u =
+            LinearCell<Dim, float>(fixed_lattice, coordinates).template value_and_slopes<Dim>(backward.data(), slopes);
+        for (int c = 0; c < Dim; ++c) {
+          place.missing[c] -= u[c];
+          for (int axis = 0; axis < Dim; ++axis) place.slopes(c, axis) += slopes[c][axis] / fixed_lattice.spacing[axis];
+        }
+        return place;
       };
-      Vector<Dim> missing = missing_at(position);
-      for (int round = 0; round < kMostRounds && missing.norm() > close && is_inside(position); ++round) {
-        const Vector<Dim> trial = position + missing, left = missing_at(trial);
-        if (!(left.norm() < missing.norm()) || !is_inside(trial)) break;
-        position = trial;
-        missing = left;
+      const auto undo = [&](const Vector<Dim>& first) {
+        Place place = look_at(first);
+        for (int round = 0; round < kMostRounds && place.missing.norm() > close && is_inside(place.at); ++round) {
+          Place next = look_at(place.at + place.slopes.inverse() * place.missing);
+          if (!(next.missing.norm() < place.missing.norm())) next = look_at(place.at + place.missing);
+          if (!(next.missing.norm() < place.missing.norm()) || !is_inside(next.at)) break;
+          place = next;
+        }
+        return place;
+      };
+      // Where that finds no way, across a fold or a jump, the flow is undone step by step first.
+      Place found = undo(forward_guess<Dim, float>(lattice, velocities, start));
+      if (!(found.missing.norm() <= close)) {
+        const Place other = undo(forward_point<Dim, float>(lattice, velocities, start));
+        if (other.missing.norm() < found.missing.norm()) found = other;
       }
-      const Vector<Dim> back = fixed.origin + fixed.direction * position - world;
+      const Vector<Dim> back = fixed.origin + fixed.direction * found.at - world;
       for (int c = 0; c < Dim; ++c) result.inverse_displacement.component(c)[site] = static_cast<float>(back[c]);
-      consistency[site] = missing.norm();
+      consistency[site] = found.missing.norm();
     });
   const auto middle = consistency.begin() + static_cast<std::ptrdiff_t>(consistency.size() / 2);
   std::nth_element(consistency.begin(), middle, consistency.end());

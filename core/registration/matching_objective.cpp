@@ -27,12 +27,15 @@ void warp_level(const MatchingLevel<Dim, T>& level, const Field<T>& displacement
 template <int Dim, class T>
 MatchingObjective<Dim, T>::MatchingObjective(std::vector<MomentumScale<Dim, T>*> scales,
                                              const MatchingLevel<Dim, T>& level,
-                                             std::unique_ptr<Similarity<Dim, T>> similarity, double sparsity)
+                                             std::unique_ptr<Similarity<Dim, T>> similarity, double sparsity,
+                                             const std::optional<Lattice<Dim>>& flow)
     : scales_(scales),
       level_(level),
       similarity_(std::move(similarity)),
-      shooting_(scales, level.lattice, level.time_steps, level.evolution, level.map_steps),
-      map_(level.lattice, level.lattice, level.time_steps * level.map_steps) {
+      flow_(flow.value_or(level.lattice)),
+      to_level_(flow_, level.lattice, Dim),
+      shooting_(scales, flow_, level.time_steps, level.evolution, level.map_steps),
+      map_(flow_, flow_, level.time_steps * level.map_steps) {
   for (const MomentumScale<Dim, T>* scale : scales_) {
     FirstOrder& first = first_.emplace_back();
     first.range = sparsity_.size();
@@ -59,7 +62,11 @@ MatchingObjective<Dim, T>::MatchingObjective(std::vector<MomentumScale<Dim, T>*>
   const std::size_t sites = level.lattice.sites();
   image_dual_.resize(sites);
   displacement_dual_.resize(Dim * sites);
-  velocity_duals_.assign(shooting_.nodes(), Field<T>(Dim * sites));
+  velocity_duals_.assign(shooting_.nodes(), Field<T>(Dim * flow_.sites()));
+  if (!to_level_.is_identity()) {
+    displacement_.resize(Dim * sites);
+    map_dual_.resize(Dim * flow_.sites());
+  }
   if (!level.moving_weights.samples.empty()) weight_dual_.resize(sites);
   warp_level<Dim, T>(level, displacement_dual_, warped_, weights_);  // the dual is still 0: at rest
   similarity_->prepare(level.fixed.data(), warped_.data(), weights_.empty() ? nullptr : weights_.data());
@@ -392,7 +399,12 @@ Evaluation MatchingObjective<Dim, T>::evaluate(const std::vector<T>& x, std::vec
   }
 
   shooting_.shoot(momenta, blocks);
-  const Field<T>& displacement = map_.follow(shooting_.velocities());
+  const Field<T>& map = map_.follow(shooting_.velocities());
+  if (!to_level_.is_identity()) {
+    std::fill(displacement_.begin(), displacement_.end(), T(0));
+    to_level_.add_to(map.data(), displacement_.data());
+  }
+  const Field<T>& displacement = to_level_.is_identity() ? map : displacement_;
   const bool moving_weights = !level_.moving_weights.samples.empty();
   warp_level<Dim, T>(level_, displacement, warped_, weights_);
   const T* weights = weights_.empty() ? nullptr : weights_.data();
@@ -416,11 +428,11 @@ Evaluation MatchingObjective<Dim, T>::evaluate(const std::vector<T>& x, std::vec
   if (level_.divergence_weight > 0)
     for (int k = 0, last = shooting_.nodes() - 1; k <= last; ++k) {
       const double share = (k == 0 || k == last ? 0.5 : 1.0) / last;  // trapezoidal rule
-      parts_.regularisation +=
-          add_divergence_penalty<Dim, T>(level_.lattice, shooting_.velocities()[k].data(),
-                                         level_.divergence_weight * share, velocity_duals_[k].data());
+      parts_.regularisation += add_divergence_penalty<Dim, T>(
+          flow_, shooting_.velocities()[k].data(), level_.divergence_weight * share, velocity_duals_[k].data());
     }
-  map_.adjoint(shooting_.velocities(), displacement_dual_, velocity_duals_);
+  if (!to_level_.is_identity()) to_level_.transpose(displacement_dual_.data(), map_dual_.data());
+  map_.adjoint(shooting_.velocities(), to_level_.is_identity() ? displacement_dual_ : map_dual_, velocity_duals_);
   shooting_.adjoint(momenta, velocity_duals_, gradients, scaled);
   finish_gradient(gradient, preconditioned);
   const double energy = parts_.similarity + parts_.regularisation;

@@ -2,6 +2,7 @@
 
 #include "core/flow/backward_map.h"
 #include "core/flow/geodesic_shooting.h"
+#include "core/grid/resampling.h"
 #include "core/grid/warp.h"
 #include "core/momenta/block_set.h"
 #include "core/momenta/directional_momentum.h"
@@ -11,6 +12,7 @@
 
 #include <functional>
 #include <memory>
+#include <optional>
 
 namespace saltus {
 
@@ -23,7 +25,7 @@ struct EnergyParts {
 /// Everything of one pyramid level that does not change while it is optimised.
 template <int Dim, class T>
 struct MatchingLevel {
-  Lattice<Dim> lattice;  ///< of the fixed image at this level, and of the velocities
+  Lattice<Dim> lattice;  ///< of the fixed image at this level
   std::vector<T> fixed;
   std::vector<T> fixed_weights;  ///< empty: 1 everywhere
   FramedImage<Dim, T> moving;
@@ -51,9 +53,12 @@ void warp_level(const MatchingLevel<Dim, T>& level, const Field<T>& displacement
 template <int Dim, class T>
 class MatchingObjective final : public Objective<T> {
  public:
-  /// `scales` and `level` must outlive this. `sparsity` is lambda, per mm of a_1 m_i. All blocks are active.
+  /// `scales` and `level` must outlive this. `sparsity` is lambda, per mm of a_1 m_i. All blocks are active. Velocities
+  /// and the map live on `flow`, and the images are warped with that map taken linearly between its samples; without
+  /// `flow`, on the level's own lattice, where no map is interpolated.
   MatchingObjective(std::vector<MomentumScale<Dim, T>*> scales, const MatchingLevel<Dim, T>& level,
-                    std::unique_ptr<Similarity<Dim, T>> similarity, double sparsity);
+                    std::unique_ptr<Similarity<Dim, T>> similarity, double sparsity,
+                    const std::optional<Lattice<Dim>>& flow = {});
 
   std::size_t size() const override { return size_; }
   Evaluation evaluate(const std::vector<T>& x, std::vector<T>& gradient, std::vector<T>& preconditioned) override;
@@ -71,6 +76,8 @@ class MatchingObjective final : public Objective<T> {
   /// Active share of all blocks of all order-1 fields; 0 where there are none.
   double active_block_share() const;
 
+  /// Where the velocities are sampled.
+  const Lattice<Dim>& flow_lattice() const { return flow_; }
   /// Parts of the last evaluation.
   const EnergyParts& parts() const { return parts_; }
 
@@ -120,6 +127,8 @@ class MatchingObjective final : public Objective<T> {
   std::vector<std::vector<float>> factors_;  ///< of the weights at all sites, as sparsity_; its own are compact
   const MatchingLevel<Dim, T>& level_;
   std::unique_ptr<Similarity<Dim, T>> similarity_;
+  Lattice<Dim> flow_;
+  LatticeInterpolation<Dim, T> to_level_;  ///< from the flow's lattice to the images'
   GeodesicShooting<Dim, T> shooting_;
   BackwardMap<Dim, T> map_;
   std::vector<GroupSparsity> sparsity_;
@@ -130,7 +139,8 @@ class MatchingObjective final : public Objective<T> {
   std::function<void(double)> on_work_;
   int polls_ = 0;
   std::vector<T> warped_, weights_, image_dual_, weight_dual_;
-  Field<T> displacement_dual_;
+  Field<T> displacement_, displacement_dual_;  ///< on the level's lattice; the first unused when the flow lives there
+  Field<T> map_dual_;                          ///< on the flow's lattice, when that is another
   std::vector<Field<T>> velocity_duals_;
 };
 

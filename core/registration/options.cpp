@@ -151,6 +151,8 @@ RegistrationOptions default_options(Model model, SimilarityType similarity, Pres
     o.flow.map_steps = preset == Preset::Fast ? 1 : 2;
     o.optimisation.tolerance = preset == Preset::Fast ? 0.25 : preset == Preset::Balanced ? 2.5e-2 : 5e-3;
     o.momenta.first_order_waits = model == Model::Sliding;
+    // A Gaussian six samples wide is as good as constant between three of them.
+    if (model == Model::Gaussian || model == Model::Sliding) o.flow.coarsening = 1;
     if (preset == Preset::Fast) {  // first orders cost more than order 0: only the strongest jumps
       o.optimisation.max_iterations = 10;
       o.momenta.sparsity *= 4;

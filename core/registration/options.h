@@ -57,7 +57,9 @@ struct RegistrationOptions {
   struct Flow {
     Evolution evolution = Evolution::Carried;
     int time_steps = 4;
-    int map_steps = 1;             ///< steps of the map in each time step, see flow/geodesic_shooting.h
+    int map_steps = 1;   ///< steps of the map in each time step, see flow/geodesic_shooting.h
+    int coarsening = 0;  ///< order 0 (beside which no order 1 shares its scale), and the flow as long as it is
+                         ///< alone, are sampled 2^n times coarser than the images of the level
     double divergence_weight = 0;  ///< of 1/2 integral |div v|^2 over space and time: holds back opening and overlap
   } flow;
 

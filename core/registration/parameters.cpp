@@ -274,6 +274,10 @@ const std::vector<Parameter>& parameters() {
       integer(
           "map_steps", "", 1, 16, "steps of the map in each time step; the velocity is linear in time over them",
           [](O & o) -> auto& { return o.flow.map_steps; }),
+      integer(
+          "coarsening", "levels", 0, 3,
+          "order 0, and the flow while there is no order 1, are sampled so much coarser than the images of a level",
+          [](O & o) -> auto& { return o.flow.coarsening; }),
       real(
           "divergence_weight", "", 0, Lower::Inclusive, inf,
           "weight of the divergence of the velocity, which leaves sliding free and holds back opening and overlap",

@@ -148,23 +148,12 @@ RegistrationResult<Dim> register_images(const RegistrationInput<Dim>& input, con
     active.clear();
     for (const auto& placed : scales)
       if (placed.level >= level) active.push_back(placed.scale.get());
-    objective = std::make_unique<MatchingObjective<Dim, Scalar>>(
-        active, level_images,
-        make_similarity<Dim, Scalar>(
-            options.similarity, level_images.lattice, options.similarity_parameters,
-            *std::min_element(level_images.lattice.spacing.begin(), level_images.lattice.spacing.end())),
-        options.momenta.sparsity);
-    if (options.momenta.shear_only) objective->keep_shear_only();
-    objective->set_active_blocks(reached.active_blocks);  // finer scales begin with none
-    if (is_resumed && momenta.size() != objective->size())
-      throw InvalidInput("the checkpoint is damaged, it holds " + std::to_string(momenta.size()) + " momenta where " +
-                         std::to_string(objective->size()) + " are needed; start again without it");
-    momenta.resize(objective->size(), Scalar(0));  // finer scales come last and start at 0
-
+    const bool has_first =
+        std::any_of(active.begin(), active.end(), [](const auto* scale) { return scale->has_first_order(); });
+    const std::vector<SparsityRound> rounds = sparsity_rounds(options.momenta, has_first);
     Progress now;
     now.level = static_cast<int>(step) + 1;
     now.levels = static_cast<int>(levels.size());
-    const std::vector<SparsityRound> rounds = sparsity_rounds(options.momenta, !objective->sparsity().empty());
     now.max_iterations = options.optimisation.max_iterations * static_cast<int>(rounds.size());
     const double work = static_cast<double>(level_images.lattice.sites());
     const auto report = [&] {
@@ -174,12 +163,39 @@ RegistrationResult<Dim> register_images(const RegistrationInput<Dim>& input, con
       return !progress || progress(now) == ProgressAnswer::Continue;
     };
     double counted = 0;  // share of this evaluation that the meter has
-    objective->on_work([&](double share) {
+    const auto count_work = [&](double share) {
       if (share < counted) counted = 0;
       meter.done((share - counted) * work, planned_until[step]);
       counted = share;
       if (!report()) throw StopRequested{};
-    });
+    };
+
+    // While there is no order 1 all velocities are smooth, and so is the map.
+    const auto flow_lattice = [&](const SparsityRound& round) {
+      const bool is_smooth = !has_first || (!round.lets_blocks_join &&
+                                            std::all_of(reached.active_blocks.begin(), reached.active_blocks.end(),
+                                                        [](const auto& blocks) { return blocks.empty(); }));
+      return level_lattice(pyramid.fixed_lattice(), is_smooth ? level + options.flow.coarsening : level);
+    };
+    const auto make_objective = [&](const SparsityRound& round) {
+      const Lattice<Dim> flow = flow_lattice(round);
+      if (objective && objective->flow_lattice() == flow) return;
+      objective.reset();
+      objective = std::make_unique<MatchingObjective<Dim, Scalar>>(
+          active, level_images,
+          make_similarity<Dim, Scalar>(
+              options.similarity, level_images.lattice, options.similarity_parameters,
+              *std::min_element(level_images.lattice.spacing.begin(), level_images.lattice.spacing.end())),
+          options.momenta.sparsity, flow);
+      if (options.momenta.shear_only) objective->keep_shear_only();
+      objective->set_active_blocks(reached.active_blocks);  // finer scales begin with none
+      objective->on_work(count_work);
+    };
+    make_objective(rounds[is_resumed ? reached.level.rounds - 1 : 0]);
+    if (is_resumed && momenta.size() != objective->size())
+      throw InvalidInput("the checkpoint is damaged, it holds " + std::to_string(momenta.size()) + " momenta where " +
+                         std::to_string(objective->size()) + " are needed; start again without it");
+    momenta.resize(objective->size(), Scalar(0));  // finer scales come last and start at 0
 
     MinimiseOptions how;
     how.max_iterations = is_blank ? 0 : options.optimisation.max_iterations;
@@ -247,6 +263,8 @@ RegistrationResult<Dim> register_images(const RegistrationInput<Dim>& input, con
           is_resumed = false;
         } else {
           level_summary.rounds = static_cast<int>(round) + 1;
+          reached.active_blocks = objective->active_blocks();
+          make_objective(rounds[round]);
           objective->weigh(rounds[round], momenta);
           reached.minimiser = MinimiserState<Scalar>(std::move(momenta));
         }
@@ -277,7 +295,7 @@ RegistrationResult<Dim> register_images(const RegistrationInput<Dim>& input, con
   }
 
   const std::vector<Field<Scalar>>& velocities = objective->velocities(momenta);
-  const Field<Scalar> backward = write_fields(input, level_images.lattice, velocities, result);
+  const Field<Scalar> backward = write_fields(input, objective->flow_lattice(), velocities, result);
   collect_momenta(active, objective->pointers(momenta), input.fixed.grid, result);
   summarise_similarity(pyramid.full_resolution(), options, backward, result);
   if (active.size() == 1) {
@@ -288,7 +306,7 @@ RegistrationResult<Dim> register_images(const RegistrationInput<Dim>& input, con
   } else {
     summary.hamiltonian_drift = -1;
   }
-  result.moved_points = move_points(input, level_images.lattice, velocities, active, objective->pointers(momenta));
+  result.moved_points = move_points(input, objective->flow_lattice(), velocities, active, objective->pointers(momenta));
   summary.seconds = seconds_before + whole.seconds();
   summary.cpu_seconds = cpu_seconds_before + whole.cpu_seconds();
   return result;

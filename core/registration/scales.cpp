@@ -53,7 +53,7 @@ std::vector<PlacedScale<Dim, T>> make_scales(const Lattice<Dim>& image, const Re
     const auto place = [&](Orders orders, std::unique_ptr<KernelProfile> (*make)(double)) {
       MomentumScaleOptions<Dim> made;
       made.kernel = kernel_of(momenta, std::ldexp(reference, q), make);
-      made.lattice = level_lattice(image, q);
+      made.lattice = level_lattice(image, orders == Orders::Zeroth ? q + options.flow.coarsening : q);
       made.orders = orders;
       if (has_first(orders) && options.model == Model::Directional)
         made.direction = nearest_directions<Dim>(image, directions, made.lattice);

@@ -317,6 +317,60 @@ class Flat final : public Objective<double> {
   bool looks = true;  ///< whether the last evaluation looked everywhere
 };
 
+/// The sum of (x_k - 1)^4 over three unknowns, of which every second look finds one more: looks that are due do so
+/// late.
+class OneByOne final : public Objective<double> {
+ public:
+  std::size_t size() const override { return present_; }
+  bool has_more() const override { return present_ < 3; }
+  void look_everywhere(bool everywhere) override { looks_ = everywhere; }
+  Evaluation evaluate(const std::vector<double>& x, std::vector<double>& gradient,
+                      std::vector<double>& preconditioned) override {
+    double energy = 3 - static_cast<double>(x.size());
+    for (std::size_t k = 0; k < x.size(); ++k) {
+      energy += std::pow(x[k] - 1, 4);
+      gradient[k] = 4 * std::pow(x[k] - 1, 3);
+    }
+    preconditioned = gradient;
+    return {energy, true};
+  }
+  double first_step(const std::vector<double>&) override { return 1e-2; }
+  bool revise(MinimiserState<double>& state) override {
+    // Not at the start, where nothing has settled yet.
+    if (!looks_ || !has_more() || state.iterations() == 0 || ++looked_ < 2) return false;
+    looked_ = 0;
+    ++present_;
+    joined_at.push_back(state.iterations());
+    state.x.push_back(0);
+    state.gradient.push_back(-4);
+    state.preconditioned.push_back(-4);
+    for (CurvaturePair<double>& pair : state.pairs)
+      for (std::vector<double>* values : {&pair.s, &pair.y, &pair.y_preconditioned}) values->push_back(0);
+    return true;
+  }
+
+  std::vector<int> joined_at;
+
+ private:
+  std::size_t present_ = 1;
+  int looked_ = 0;
+  bool looks_ = true;
+};
+
+// What joined was worth something: so the run may settle another time, and let another one in.
+TEST(Minimise, LetsMoreInAfterWhatJoinedWasWorthIt) {
+  OneByOne objective;
+  MinimiserState<double> state(std::vector<double>{0});
+  MinimiseOptions how;
+  how.tolerance = 0.05;
+  const MinimiseSummary summary = minimise<double>(objective, how, state, go_on);
+  EXPECT_EQ(summary.termination, MinimiseTermination::Settled);
+  ASSERT_EQ(state.x.size(), 3u);
+  EXPECT_LT(objective.joined_at[0], 15) << "a look that was due let it in, not the settling";
+  EXPECT_LT(objective.joined_at[1] - objective.joined_at[0], 15);
+  for (double x : state.x) EXPECT_NEAR(x, 1, 0.3);
+}
+
 TEST(Minimise, SettlesOnlyWhereItHasLookedOutsideTheWorkingSet) {
   for (double tolerance : {0.3, 0.1, 3e-2, 1e-2, 1e-3, 1e-4}) {
     SCOPED_TRACE(tolerance);

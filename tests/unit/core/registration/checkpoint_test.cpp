@@ -94,6 +94,20 @@ TEST(Checkpoint, ResumesInAnyRoundWithTheSameEnd) {
   resumes_anywhere<2>(plane(), options);
 }
 
+// Order 0 settles on its own coarser lattice, then blocks join on the images', and the level settles again: that
+// depends on what the round before brought.
+TEST(Checkpoint, ResumesWhereFirstOrdersHaveWaitedWithTheSameEnd) {
+  RegistrationOptions options = quick(SimilarityType::Lncc);
+  options.optimisation.max_iterations = 20;
+  options.optimisation.tolerance = 0.05;
+  options.momenta.sparsity = 1e-3;
+  const RegistrationResult<2> whole = register_images<2>(plane(), options);
+  ASSERT_GT(whole.summary.levels.back().active_block_share, 0.2);
+  ASSERT_EQ(whole.summary.levels.back().rounds, 2);
+  for (const LevelSummary& level : whole.summary.levels) ASSERT_EQ(level.termination, Termination::Settled);
+  resumes_anywhere<2>(plane(), options);
+}
+
 TEST(Checkpoint, ResumesAtAnyStepWithTheSameEnd3d) {
   RegistrationInput<3> input = pair_of<3>(centred_grid<3>({14, 12, 8}, {1, 1, 1.5}, Matrix<3>::Identity()));
   input.fixed_mask = Volume<3>(input.fixed.grid, 1.0f);

@@ -18,6 +18,8 @@ struct Case {
   Evolution evolution = Evolution::Exact;
   std::vector<KernelWidth> kernel_widths = {};
   double similarity_weight = 1;
+  int coarsening = 0;           // of order 0
+  bool is_flow_coarse = false;  // and of the flow
 };
 
 template <int Dim>
@@ -45,6 +47,7 @@ void expect_taylor_slope_two(const Case& test) {
   options.momenta.finest_scale = options.momenta.first_order_finest_scale = 0;
   if (options.momenta.first_order_scales > 0) options.momenta.first_order_scales = test.model == Model::Sliding ? 1 : 2;
   options.momenta.regularisation = options.momenta.first_order_regularisation = 0.05;
+  options.flow.coarsening = test.coarsening;
   std::vector<double> directions;  // any unit vectors, and none here and there
   if (test.model == Model::Directional) {
     directions = random_values(Dim * lattice.sites(), 71);  // a seed whose scene has no kink within the steps below
@@ -80,7 +83,8 @@ void expect_taylor_slope_two(const Case& test) {
   level.evolution = test.evolution;
 
   MatchingObjective<Dim, double> objective(
-      scales, level, make_similarity<Dim, double>(test.similarity, lattice, options.similarity_parameters, 1.0), 0.0);
+      scales, level, make_similarity<Dim, double>(test.similarity, lattice, options.similarity_parameters, 1.0), 0.0,
+      level_lattice(lattice, test.is_flow_coarse ? test.coarsening : 0));
   const std::size_t size = objective.size();
   const std::vector<double> at = random_values(size, 5, 0.03);
   std::vector<double> gradient(size), preconditioned(size), ignored(size), ignored_too(size);
@@ -130,6 +134,10 @@ std::vector<Case> all_cases() {
     cases.push_back({model, SimilarityType::Ssd, false, Evolution::Exact, {{3, 1}, {8, 0.5}}});
   for (SimilarityType similarity : {SimilarityType::Ssd, SimilarityType::Ncc})
     cases.push_back({Model::Gaussian, similarity, true, Evolution::Exact, {}, 7});
+  for (int coarsening : {1, 2})
+    for (SimilarityType similarity : {SimilarityType::Ssd, SimilarityType::Lncc})
+      cases.push_back({Model::Gaussian, similarity, true, Evolution::Carried, {}, 1, coarsening, true});
+  cases.push_back({Model::Sliding, SimilarityType::Lncc, false, Evolution::Carried, {}, 1, 1, false});
   return cases;
 }
 
@@ -138,7 +146,8 @@ INSTANTIATE_TEST_SUITE_P(Models, Gradient, ::testing::ValuesIn(all_cases()), [](
          (info.param.similarity_weight == 1 ? "" : "_weighed") + (info.param.kernel_widths.empty() ? "" : "_sum") +
          (info.param.evolution == Evolution::Exact      ? ""
           : info.param.evolution == Evolution::PerOrder ? "_per_order"
-                                                        : "_carried");
+                                                        : "_carried") +
+         (info.param.coarsening == 0 ? "" : "_coarsened_" + std::to_string(info.param.coarsening));
 });
 
 }  // namespace

@@ -64,6 +64,51 @@ TEST(MatchingObjective, TakesTheDivergencePenaltyOverTimeByTheTrapezoidalRule) {
   }
 }
 
+// The images are warped with the map of the flow's lattice, taken linearly between its samples.
+TEST(MatchingObjective, WarpsWithTheMapOfACoarserFlow) {
+  omp_set_num_threads(1);
+  const MatchingLevel<2, double> level = waves();
+  RegistrationOptions options = default_options(Model::Gaussian, SimilarityType::Ssd, Preset::Balanced);
+  options.momenta.width_voxels = 6;
+  options.momenta.scales = 1;
+  options.momenta.finest_scale = 0;
+  options.flow.coarsening = 1;
+  auto placed = make_scales<2, double>(level.lattice, options, {});
+  const Lattice<2> flow = level_lattice(level.lattice, 1);
+  ASSERT_EQ(placed[0].scale->lattice(), flow);
+  ASSERT_LT(flow.sites(), level.lattice.sites() / 2);
+  EXPECT_EQ(placed[0].scale->options().kernel.width(), 6);  // of the level's voxels
+  const auto similarity = [&] {
+    return make_similarity<2, double>(SimilarityType::Ssd, level.lattice, options.similarity_parameters, 1.0);
+  };
+  MatchingObjective<2, double> objective({placed[0].scale.get()}, level, similarity(), 0.0, flow);
+  const std::vector<double> x = testing::random_values(objective.size(), 5, 0.5);
+  std::vector<double> gradient(x.size()), preconditioned(x.size());
+  ASSERT_TRUE(objective.evaluate(x, gradient, preconditioned).is_valid);
+  const double found = objective.parts().similarity;
+
+  const std::vector<Field<double>>& velocities = objective.velocities(x);
+  BackwardMap<2, double> map(flow, flow, static_cast<int>(velocities.size()) - 1);
+  const Field<double> coarse = map.follow(velocities);
+  Field<double> displacement(2 * level.lattice.sites());
+  double largest = 0;
+  const SitePlacement<2, double> place(level.lattice, flow);
+  for (int y = 0; y < level.lattice.size[1]; ++y)
+    for (int x_index = 0; x_index < level.lattice.size[0]; ++x_index) {
+      constexpr double none[2] = {};
+      const auto u = LinearCell<2, double>(flow, place({x_index, y}, none)).value<2>(coarse.data());
+      for (int c = 0; c < 2; ++c) {
+        displacement[2 * (static_cast<std::size_t>(y) * level.lattice.size[0] + x_index) + c] = u[c];
+        largest = std::max(largest, std::abs(u[c]));
+      }
+    }
+  EXPECT_GT(largest, 0.5);
+  std::vector<double> warped, weights, image_dual(level.lattice.sites());
+  warp_level<2, double>(level, displacement, warped, weights);
+  EXPECT_NEAR(similarity()->evaluate(level.fixed.data(), warped.data(), nullptr, image_dual.data(), nullptr), found,
+              1e-10 * found);
+}
+
 // Only component i of m_i opens or closes: it gets no gradient, and all others theirs.
 TEST(MatchingObjective, GivesNoGradientToWhatIsNoShear) {
   omp_set_num_threads(1);
