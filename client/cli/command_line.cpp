@@ -15,6 +15,7 @@
 #include "client/cli/register_command.h"
 #include "client/cli/server_command.h"
 #include "client/cli/shell_completion.h"
+#include "client/cli/study_command.h"
 #include "client/cli/submit_command.h"
 #include "client/cli/warp_command.h"
 #include "client/cli/watch_command.h"
@@ -83,6 +84,7 @@ int run_command_line(int argument_count, const char* const* arguments) {
   add_evaluate_command(app, exit_code);
   add_phantom_command(app, exit_code);
   add_dirlab_command(app, exit_code);
+  add_study_command(app, exit_code);
   add_server_command(app, exit_code);
   add_completion_command(app, exit_code);
   add_manual_command(app, exit_code);

@@ -50,6 +50,7 @@ img.pixels { image-rendering: pixelated; }
 .side { position: absolute; font-size: 11px; line-height: 1; color: #fff; background: #0009; border-radius: 3px; padding: 2px 3px; }
 .side.left { left: 3px; top: 50%; translate: 0 -50%; } .side.right { right: 3px; top: 50%; translate: 0 -50%; }
 .side.top { top: 3px; left: 50%; translate: -50% 0; } .side.bottom { bottom: 3px; left: 50%; translate: -50% 0; }
+.sheet { display: block; max-width: 100%; height: auto; border-radius: 6px; }
 [hidden] { display: none !important; }
 .views { display: flex; flex-wrap: wrap; gap: 6px; margin-bottom: 12px; }
 .views button { font: inherit; font-size: 13.5px; color: var(--ink); background: var(--card); border: 1px solid var(--line); border-radius: 6px; padding: 4px 11px; cursor: pointer; }

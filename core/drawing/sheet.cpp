@@ -7,7 +7,7 @@
 namespace saltus::drawing {
 namespace {
 
-constexpr int margin = 16, gap = 18, caption_height = 24, scale_height = 46;
+constexpr int margin = 16, gap = 18, caption_height = 24, scale_height = 56;
 constexpr double caption_size = 10, scale_size = 8;
 
 void put(Raster& onto, const Raster& picture, int left, int top) {
@@ -39,6 +39,12 @@ Raster magnified(const Raster& raster, int factor) {
 }
 
 Raster sheet(const std::vector<std::vector<SheetPanel>>& rows) {
+  // A row without captions has no room for them.
+  const auto above = [](const std::vector<SheetPanel>& row) {
+    return std::any_of(row.begin(), row.end(), [](const SheetPanel& panel) { return !panel.caption.empty(); })
+               ? caption_height
+               : 0;
+  };
   std::vector<int> widths;
   int height = margin;
   for (const auto& row : rows) {
@@ -51,7 +57,7 @@ Raster sheet(const std::vector<std::vector<SheetPanel>>& rows) {
       tallest = std::max(tallest, row[i].picture.height);
       has_scale = has_scale || row[i].scale;
     }
-    height += caption_height + tallest + (has_scale ? scale_height : gap);
+    height += above(row) + tallest + (has_scale ? scale_height : gap);
   }
   int width = 2 * margin - gap;
   for (int one : widths) width += one + gap;
@@ -66,13 +72,13 @@ Raster sheet(const std::vector<std::vector<SheetPanel>>& rows) {
       if (panel.picture.pixels.empty()) continue;
       const double middle = left + panel.picture.width / 2.0;
       write(whole, panel.caption, {middle, top + 14.0}, {.height = caption_size, .anchor = TextAnchor::Middle});
-      put(whole, panel.picture, left, top + caption_height);
+      put(whole, panel.picture, left, top + above(row));
       if (panel.scale)
-        put_scale(whole, *panel.scale, left, top + caption_height + panel.picture.height + 6, panel.picture.width);
+        put_scale(whole, *panel.scale, left, top + above(row) + panel.picture.height + 6, panel.picture.width);
       tallest = std::max(tallest, panel.picture.height);
       has_scale = has_scale || panel.scale;
     }
-    top += caption_height + tallest + (has_scale ? scale_height : gap);
+    top += above(row) + tallest + (has_scale ? scale_height : gap);
   }
   return whole;
 }

@@ -1,0 +1,49 @@
+#include "client/cli/study/study_runs.h"
+
+#include "client/cli/report_summary.h"
+#include "client/cli/transform_folder.h"
+#include "core/image_io/read_image.h"
+#include "core/image_io/read_transform.h"
+
+#include <nlohmann/json.hpp>
+
+namespace saltus::cli {
+
+namespace fs = std::filesystem;
+
+std::vector<std::string> comparable_models() {
+  std::vector<std::string> names;
+  for (Model model : all_models())
+    if (model != Model::Directional) names.push_back(to_string(model));
+  return names;
+}
+
+fs::path run_folder(const StudyRequest& request, const std::string& name) { return request.out / "runs" / name; }
+
+int run_all(const StudyRequest& request, const std::vector<Pair>& pairs) {
+  fs::create_directories(request.out);
+  PairsRequest list;
+  list.server = request.server;
+  list.out = request.out / "runs";
+  list.output = PairsOutput::Silent;
+  return register_pairs(pairs, list);
+}
+
+template <int Dim>
+ModelResult<Dim> read_run(const fs::path& folder, const std::string& name) {
+  return {name, read_displacement<Dim>(displacement_file(folder, TransformDirection::Forward)),
+          read_volume<Dim>(folder / "warped.mha")};
+}
+
+double cpu_seconds(const fs::path& folder) {
+  return read_report(folder / "report.json").at("seconds").at("cpu").get<double>();
+}
+
+nlohmann::json as_json(const Statistics& s) {
+  return {{"n", s.n}, {"mean", s.mean}, {"sd", s.sd}, {"median", s.median}, {"p90", s.p90}, {"max", s.max}};
+}
+
+template ModelResult<2> read_run(const fs::path&, const std::string&);
+template ModelResult<3> read_run(const fs::path&, const std::string&);
+
+}  // namespace saltus::cli
