@@ -123,7 +123,9 @@ nlohmann::json job_json(const v1::RegistrationJob& job) {
   }
   if (job.has_create_time()) json["create_time"] = time_text(job.create_time());
   if (job.has_start_time()) json["start_time"] = time_text(job.start_time());
+  if (job.has_begin_time()) json["begin_time"] = time_text(job.begin_time());
   if (job.has_end_time()) json["end_time"] = time_text(job.end_time());
+  if (!job.batch_id().empty()) json["batch_id"] = job.batch_id();
   if (job.state() == v1::JOB_STATE_QUEUED) json["queue_position"] = job.queue_position();
   if (job.has_estimated_start_time()) json["estimated_start_time"] = time_text(job.estimated_start_time());
   if (job.has_not_before()) json["not_before"] = time_text(job.not_before());
@@ -160,6 +162,8 @@ std::string job_text(const v1::RegistrationJob& job) {
   for (const auto& [name, value] : job.spec().settings()) line("set", name + "=" + value);
   if (job.has_create_time()) line("created", time_text(job.create_time()));
   if (job.has_start_time()) line("started", time_text(job.start_time()));
+  if (job.has_begin_time()) line("began", time_text(job.begin_time()));
+  if (!job.batch_id().empty()) line("batch id", job.batch_id());
   if (job.has_end_time()) line("ended", time_text(job.end_time()));
   if (job.has_failure()) line("failure", job.failure().reason() + ": " + job.failure().message());
   for (const auto& artifact : job.artifacts())

@@ -83,6 +83,8 @@ struct JobRecord {
   std::optional<Checkpoint> checkpoint;
   std::string token_hash;  ///< fingerprint of the attempt's token
   std::string process;     ///< the launcher's name for the attempt's process; "" while unknown
+  std::string batch_id;    ///< what a batch system calls the current or last attempt; "" when none had it
+  std::optional<WallTime> begun;  ///< when the worker came out of a batch system's queue; nothing while it waits
 
   WallTime created{};
   std::optional<WallTime> started;  ///< of the current or last attempt
@@ -106,7 +108,7 @@ struct NewJob {
   bool has_quota = true;  ///< the limit of one submitter holds for it
 };
 
-enum class JobStage { Unknown, Fetching, Validating, Optimising, Writing };
+enum class JobStage { Unknown, Waiting, Fetching, Validating, Optimising, Writing };
 
 /// Where the running attempt stands; kept in memory only.
 struct JobProgress {

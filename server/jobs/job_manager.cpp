@@ -39,6 +39,9 @@ Refusal paused() {
           "an administrator has this daemon drained, so it takes no new jobs; try again later", kDrained};
 }
 
+/// When the worker of the last attempt began: what came before was a batch system's queue.
+WallTime began_at(const JobRecord& job) { return job.begun.value_or(*job.started); }
+
 /// After `decide` has changed the job: the row of a checkpoint that it has no more goes in the same transaction.
 template <class Decide>
 std::optional<JobRecord> with_checkpoint_dropped(JobTable& table, const std::string& id, Decide& decide,
@@ -69,6 +72,7 @@ JobManager::JobManager(JobStore& store, BlobCatalog& blobs, Launcher& launcher, 
       waiting_(settings.fairness),
       budget_(settings.slots, total_of(settings)),
       leases_(settings.lease, settings.cancel_ladder, settings.stall_timeout) {
+  launcher_.on_news([this](const AttemptKey& key, const QueueNews& news) { has_news(key, news); });
   launcher_.on_exit([this](const AttemptKey& key, const WorkerExit& exit) { worker_ended(key, exit); });
 }
 
@@ -100,7 +104,7 @@ void JobManager::committed(const JobRecord& job) {
     if (!is_held(job.state)) {
       leases_.end(key);
       const bool has_run = running_.erase(key) > 0;
-      if (has_run && job.state == JobState::Succeeded) durations_.add(*job.ended - *job.started);
+      if (has_run && job.state == JobState::Succeeded) durations_.add(*job.ended - began_at(job));
       progress_.erase(job.id);
       budget_.ended(key, by_force_.contains(key));
       if (job.attempt > 0) retired_.try_emplace(key, clock_.steady() + settings_.linger);
@@ -129,7 +133,7 @@ void JobManager::recover() {
     // Whose turn it is goes on where it was: a restart gives nobody a second turn.
     for (const LastStart& start : starts) waiting_.had_turn(start.submitter, start.priority);
     for (const JobRecord& job : finished)
-      if (job.started && job.ended) durations_.add(*job.ended - *job.started);
+      if (job.started && job.ended) durations_.add(*job.ended - began_at(job));
   }
   for (const JobRecord& job : held) {
     const AttemptKey key{job.id, job.attempt};
@@ -145,9 +149,14 @@ void JobManager::recover() {
       continue;
     }
     std::lock_guard lock(mutex_);
-    const WallTime began = job.started.value_or(clock_.wall());
-    leases_.grant(key, job.token_hash, clock_.steady(), job.limits,
-                  std::max(clock_.wall() - began, std::chrono::milliseconds(0)));
+    const WallTime began = job.begun.value_or(job.started.value_or(clock_.wall()));
+    const bool is_in_queue = launcher_.is_batch_system() && !job.process.empty() && !job.begun;
+    if (is_in_queue)
+      leases_.grant_waiting(key, job.token_hash, clock_.steady(), job.limits);
+    else
+      leases_.grant(key, job.token_hash, clock_.steady(), job.limits,
+                    std::max(clock_.wall() - began, std::chrono::milliseconds(0)));
+    if (is_in_queue) progress_[job.id].stage = JobStage::Waiting;
     running_[key] = began;
     budget_.take(key, demand_of(job.threads, job.memory_bytes));
     if (!job.process.empty()) budget_.has_process(key);
@@ -269,7 +278,8 @@ void JobManager::begin_drain() {
     is_draining_ = true;
     keys = leases_.all();
   }
-  for (const AttemptKey& key : keys) launcher_.terminate(key);
+  if (!launcher_.is_batch_system())
+    for (const AttemptKey& key : keys) launcher_.terminate(key);
   wake_();
 }
 
@@ -280,7 +290,8 @@ void JobManager::set_paused(bool is_paused) {
 
 bool JobManager::is_drained() const {
   std::lock_guard lock(mutex_);
-  return is_draining_ && launches_.empty() && !is_dispatching_ && launcher_.is_idle();
+  const bool has_none = launcher_.is_batch_system() || launcher_.is_idle();
+  return is_draining_ && launches_.empty() && !is_dispatching_ && has_none;
 }
 
 int JobManager::running_jobs() const {

@@ -35,6 +35,8 @@ struct ManagerSettings {
   std::chrono::milliseconds lease{30000};
   std::chrono::milliseconds heartbeat_interval{1000};
   std::chrono::milliseconds checkpoint_interval{30000};  ///< at least, between two of one attempt; 0: none are made
+  /// How long a worker that a batch system has let begin may take until its first call.
+  std::chrono::milliseconds first_call{120000};
   CancelLadder cancel_ladder;
   std::chrono::milliseconds linger{5000};       ///< for a worker's process to end after its attempt has ended
   std::chrono::milliseconds drain_grace{2000};  ///< for workers to end when the daemon shuts down
@@ -92,7 +94,8 @@ class JobManager {
   JobView view(const JobRecord& job);
   WatchHub& watchers() { return watchers_; }
 
-  LeaseGrant acquire(const AttemptKey& key, const std::string& token);
+  /// `worker`: what the process calls itself; only the first that comes has the attempt. "" for one without a name.
+  LeaseGrant acquire(const AttemptKey& key, const std::string& token, const std::string& worker = "");
   /// Never blocks.
   LeaseTable::Wanted heartbeat(const AttemptKey& key, const std::string& token, const JobProgress& progress);
   /// See JobQueue::put_checkpoint. The bytes of the checkpoint before it are removed once this one is durable; the last
@@ -102,13 +105,14 @@ class JobManager {
   void complete(const AttemptKey& key, const std::string& token, const Outcome& outcome, Reply<JobRecord> reply);
 
   void tick();
-  /// From now on no job is accepted or started; workers are asked to end and their jobs are queued again.
+  /// From now on no job is accepted or started; workers are asked to end and their jobs are queued again. Those of a
+  /// batch system go on.
   void begin_drain();
   /// While paused, jobs are refused as in a drain and no attempt is started; what runs goes on.
   void set_paused(bool is_paused);
   bool is_paused() const { return is_paused_; }
   bool is_draining() const { return is_draining_; }
-  /// All workers are gone.
+  /// All workers that have to go are gone.
   bool is_drained() const;
 
   /// Never block.
@@ -143,8 +147,14 @@ class JobManager {
                    const std::string& detail, Ending ending);
   void lose(const AttemptKey& key, LossCause cause, const std::string& detail, Ending ending = Ending::None);
   void fail(const AttemptKey& key, Limit limit, Ending ending);
+  void time_limit_reached(const AttemptKey& key);
   void require_room(const NewJob& job) const;
   void worker_ended(const AttemptKey& key, const WorkerExit& exit);
+  void has_news(const AttemptKey& key, const QueueNews& news);
+  /// Writes down that the worker has come out of the queue of a batch system.
+  void has_begun(const AttemptKey& key);
+  /// Under the lock: it does not wait any more.
+  void forget_stage(const AttemptKey& key);
   void dispatch();
   void launch(const LaunchRequest& request);
   int threads_of(const JobRecord& job) const;

@@ -37,12 +37,15 @@ Refusal lease_lost(const AttemptKey& key) {
 
 }  // namespace
 
-LeaseGrant JobManager::acquire(const AttemptKey& key, const std::string& token) {
+LeaseGrant JobManager::acquire(const AttemptKey& key, const std::string& token, const std::string& worker) {
+  bool is_first_word = false;
   {
     std::lock_guard lock(mutex_);
     const auto wanted = leases_.renew(key, ids_.fingerprint(token), clock_.steady());
-    if (wanted != LeaseTable::Wanted::Continue) throw lease_lost(key);
+    if (wanted != LeaseTable::Wanted::Continue || !leases_.is_for(key, worker)) throw lease_lost(key);
+    is_first_word = leases_.begin(key, clock_.steady());
   }
+  if (is_first_word) has_begun(key);
   JobRecord job;
   store_.read([&](JobReader& reader) { job = require_job(reader, key.job_id); });
   return {job.spec,
@@ -67,13 +70,17 @@ void JobManager::put_checkpoint(const AttemptKey& key, const std::string& token,
 
 LeaseTable::Wanted JobManager::heartbeat(const AttemptKey& key, const std::string& token, const JobProgress& progress) {
   std::optional<LeaseTable::Wanted> wanted;
+  bool is_first_word = false;
   {
     std::lock_guard lock(mutex_);
     wanted = leases_.renew(key, ids_.fingerprint(token), clock_.steady());
     if (!wanted) throw lease_lost(key);
+    // When the daemon was away while it began, or was started again before that was written down.
+    is_first_word = leases_.begin(key, clock_.steady());
     progress_[key.job_id] = progress;
     leases_.progressed(key, progress, clock_.steady());
   }
+  if (is_first_word) has_begun(key);
   watchers_.progressed(key.job_id, progress);
   return *wanted;
 }
@@ -141,6 +148,19 @@ void JobManager::fail(const AttemptKey& key, Limit limit, Ending ending) {
       "", ending);
 }
 
+/// A job that sets itself a limit gets no more time than that. Another one had bad luck with what it was given.
+void JobManager::time_limit_reached(const AttemptKey& key) {
+  end_attempt(
+      key,
+      [this, key](JobTable& table) -> std::optional<JobRecord> {
+        const auto job = table.find(key.job_id);
+        if (!job) return std::nullopt;
+        if (job->limits.wall_seconds == 0) return queue_.lose(table, key, LossCause::TimeLimit, "");
+        return queue_.fail(table, key, failure_of(Limit::WallTime, job->limits));
+      },
+      describe(LossCause::TimeLimit, ""), Ending::None);
+}
+
 void JobManager::worker_ended(const AttemptKey& key, const WorkerExit& exit) {
   {
     std::lock_guard lock(mutex_);
@@ -160,7 +180,47 @@ void JobManager::worker_ended(const AttemptKey& key, const WorkerExit& exit) {
       return lose(key, LossCause::Crashed, "signal " + number);
     case WorkerExit::Kind::Vanished:
       return lose(key, LossCause::Vanished, "");
+    case WorkerExit::Kind::TimeLimit:
+      return time_limit_reached(key);
+    case WorkerExit::Kind::Preempted:
+      return lose(key, LossCause::Preempted, "");
+    case WorkerExit::Kind::NodeFailed:
+      return lose(key, LossCause::NodeFailed, "");
+    case WorkerExit::Kind::Withdrawn:
+      return lose(key, LossCause::Withdrawn, "");
+    case WorkerExit::Kind::Refused:
+      return lose(key, LossCause::LaunchFailed, exit.detail);
   }
+}
+
+void JobManager::has_news(const AttemptKey& key, const QueueNews& news) {
+  if (news.has_its_turn) {
+    std::lock_guard lock(mutex_);
+    leases_.expect(key, clock_.steady() + settings_.first_call);
+    forget_stage(key);
+  }
+  if (news.batch_id.empty()) return;
+  // Not kept, the number is told again by the next daemon; watchers learn it with the next change.
+  write_job(
+      key.job_id, [this, key, id = news.batch_id](JobTable& table) { return queue_.name(table, key, id); },
+      [](std::exception_ptr, const Change&) {});
+}
+
+void JobManager::has_begun(const AttemptKey& key) {
+  {
+    std::lock_guard lock(mutex_);
+    running_[key] = clock_.wall();
+    forget_stage(key);
+  }
+  write_job(
+      key.job_id, [this, key](JobTable& table) { return queue_.begin(table, key); },
+      // Not kept, the wall time of the attempt begins anew with the next daemon.
+      [](std::exception_ptr, const Change&) {});
+}
+
+void JobManager::forget_stage(const AttemptKey& key) {
+  const auto found = progress_.find(key.job_id);
+  if (found != progress_.end() && found->second.stage == JobStage::Waiting) progress_.erase(found);
 }
 
 void JobManager::tick() {
@@ -179,7 +239,7 @@ void JobManager::tick() {
       due.kill.push_back(it->first);
       it = retired_.erase(it);
     }
-    if (drain_started_ && now >= *drain_started_ + settings_.drain_grace)
+    if (drain_started_ && !launcher_.is_batch_system() && now >= *drain_started_ + settings_.drain_grace)
       for (const AttemptKey& key : leases_.all()) due.kill.push_back(key);
   }
   // A process that does not heed the request to end is killed after `linger`, as every one that outlives its attempt.
@@ -212,6 +272,8 @@ void JobManager::launch(const LaunchRequest& request) {
     std::lock_guard lock(mutex_);
     budget_.has_process(key);
   }
+  // A name that was known before is in the row.
+  if (process == launcher_.name_of(key)) return;
   store_.write(
       [key, process](JobTable& table) {
         auto job = table.find(key.job_id);
@@ -233,7 +295,7 @@ void JobManager::dispatch() {
     is_dispatching_ = true;
   }
   auto taken = std::make_shared<std::optional<JobQueue::Taken>>();
-  store_.write([this, id = next->id, taken](JobTable& table) { *taken = queue_.start(table, id); },
+  store_.write([this, id = next->id, taken](JobTable& table) { *taken = queue_.start(table, id, [this](const AttemptKey& key) { return launcher_.name_of(key); }); },
                [this, next = *next, taken](std::exception_ptr error) {
                  {
                    std::lock_guard lock(mutex_);
@@ -243,10 +305,15 @@ void JobManager::dispatch() {
                    const JobRecord& job = (*taken)->job;
                    const AttemptKey key{job.id, job.attempt};
                    waiting_.started(job.id);
-                   leases_.grant(key, job.token_hash, clock_.steady(), job.limits);
+                   if (launcher_.is_batch_system()) {
+                     leases_.grant_waiting(key, job.token_hash, clock_.steady(), job.limits);
+                     progress_[job.id].stage = JobStage::Waiting;
+                   } else {
+                     leases_.grant(key, job.token_hash, clock_.steady(), job.limits);
+                   }
                    running_[key] = *job.started;
                    budget_.take(key, next.demand);
-                   launches_.push_back({key, (*taken)->token, next.demand.threads, job.limits});
+                   launches_.push_back({key, (*taken)->token, next.demand.threads, job.limits, job.memory_bytes});
                  }
                  committed((*taken)->job);
                });

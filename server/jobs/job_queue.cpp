@@ -73,6 +73,14 @@ std::string describe(LossCause cause, const std::string& detail) {
       return "the worker could not be started: " + detail;
     case LossCause::Released:
       return "the daemon was shut down";
+    case LossCause::TimeLimit:
+      return "the batch system ended the worker at its time limit";
+    case LossCause::Preempted:
+      return "the batch system ended the worker for the sake of others";
+    case LossCause::NodeFailed:
+      return "the worker's machine failed";
+    case LossCause::Withdrawn:
+      return "the worker was cancelled in the batch system, not by this daemon";
   }
   return detail;
 }
@@ -97,6 +105,14 @@ std::string reason_of(LossCause cause) {
       return "LAUNCH_FAILED";
     case LossCause::Released:
       return "DRAINING";
+    case LossCause::TimeLimit:
+      return "BATCH_TIME_LIMIT";
+    case LossCause::Preempted:
+      return "PREEMPTED";
+    case LossCause::NodeFailed:
+      return "NODE_FAILED";
+    case LossCause::Withdrawn:
+      return "BATCH_CANCELLED";
   }
   return "";
 }
@@ -155,7 +171,8 @@ JobRecord JobQueue::submit(JobTable& table, const NewJob& asked, const std::func
   return job;
 }
 
-std::optional<JobQueue::Taken> JobQueue::start(JobTable& table, const std::string& id) const {
+std::optional<JobQueue::Taken> JobQueue::start(JobTable& table, const std::string& id,
+                                               const std::function<std::string(const AttemptKey&)>& name) const {
   auto job = table.find(id);
   if (!job || job->state != JobState::Queued) return std::nullopt;
   Taken taken{*std::move(job), ids_.new_token()};
@@ -164,10 +181,28 @@ std::optional<JobQueue::Taken> JobQueue::start(JobTable& table, const std::strin
   ++taken.job.attempt;
   taken.job.started = now;
   taken.job.token_hash = ids_.fingerprint(taken.token);
-  taken.job.process.clear();
+  taken.job.process = name({id, taken.job.attempt});
+  taken.job.batch_id.clear();
+  taken.job.begun.reset();
   taken.job.not_before.reset();
   table.update(taken.job);
   return taken;
+}
+
+std::optional<JobRecord> JobQueue::begin(JobTable& table, const AttemptKey& key) const {
+  auto job = table.find(key.job_id);
+  if (!job || job->attempt != key.attempt || !is_held(job->state) || job->begun) return std::nullopt;
+  job->begun = clock_.wall();
+  table.update(*job);
+  return job;
+}
+
+std::optional<JobRecord> JobQueue::name(JobTable& table, const AttemptKey& key, const std::string& batch_id) const {
+  auto job = table.find(key.job_id);
+  if (!job || job->attempt != key.attempt || !is_held(job->state) || job->batch_id == batch_id) return std::nullopt;
+  job->batch_id = batch_id;
+  table.update(*job);
+  return job;
 }
 
 JobRecord JobQueue::cancel(JobTable& table, const std::string& id) const {
@@ -217,13 +252,14 @@ std::optional<JobRecord> JobQueue::lose(JobTable& table, const AttemptKey& key, 
   if (cause == LossCause::Released) {
     apply(job, JobEvent::Release, now);
   } else {
-    ++job.lost_attempts;
+    const bool is_nobodys_fault = cause == LossCause::Preempted;
+    if (!is_nobodys_fault) ++job.lost_attempts;
     job.last_loss = {reason_of(cause), describe(cause, detail)};
     if (cause == LossCause::Crashed) ++job.crashes;
     const bool is_poison = job.crashes >= limits_.max_crashes;
     const bool is_last = job.lost_attempts >= limits_.max_attempts;
     apply(job, is_poison || is_last ? JobEvent::GiveUp : JobEvent::Lose, now);
-    if (job.state == JobState::Queued) job.not_before = now + retry_delay(job.lost_attempts);
+    if (job.state == JobState::Queued) job.not_before = now + retry_delay(std::max(job.lost_attempts, 1));
     if (job.state == JobState::Failed) {
       const std::string what = describe(cause, detail);
       if (is_poison)

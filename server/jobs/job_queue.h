@@ -33,6 +33,11 @@ enum class LossCause {
   NoRoom,        ///< the disk had no room for the results
   LaunchFailed,  ///< the worker could not be started
   Released,      ///< the daemon stopped the worker to shut down; does not count
+  // In a batch system:
+  TimeLimit,   ///< the worker was ended at the time that the batch system gives it
+  Preempted,   ///< the worker was ended for the sake of others; does not count
+  NodeFailed,  ///< the worker's machine has failed
+  Withdrawn,   ///< somebody else has taken the worker out of the batch system
 };
 
 /// A clause for people: "the worker died by signal 9".
@@ -63,8 +68,16 @@ class JobQueue {
     JobRecord job;
     std::string token;
   };
-  /// Starts the next attempt. Nothing when the job is not queued any more.
-  std::optional<Taken> start(JobTable& table, const std::string& id) const;
+  /// Starts the next attempt. Nothing when the job is not queued any more. `name`: the launcher's name for the worker,
+  /// when it has one before the worker is there.
+  std::optional<Taken> start(
+      JobTable& table, const std::string& id,
+      const std::function<std::string(const AttemptKey&)>& name = [](const AttemptKey&) { return std::string(); }) const;
+  /// The worker of the attempt has come out of a batch system's queue. Nothing when that is known, or the attempt has
+  /// ended.
+  std::optional<JobRecord> begin(JobTable& table, const AttemptKey& key) const;
+  /// What the batch system calls the attempt. Nothing as above.
+  std::optional<JobRecord> name(JobTable& table, const AttemptKey& key, const std::string& batch_id) const;
 
   /// Idempotent.
   JobRecord cancel(JobTable& table, const std::string& id) const;

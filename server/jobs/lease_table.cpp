@@ -1,6 +1,7 @@
 #include "server/jobs/lease_table.h"
 
 #include <tuple>
+#include <utility>
 
 namespace saltus::server {
 namespace {
@@ -9,9 +10,13 @@ auto place(const JobProgress& progress) { return std::tuple(progress.stage, prog
 
 }  // namespace
 
-LeaseTable::Lease* LeaseTable::find(const AttemptKey& key) {
+const LeaseTable::Lease* LeaseTable::find(const AttemptKey& key) const {
   const auto found = leases_.find(key.job_id);
   return found != leases_.end() && found->second.attempt == key.attempt ? &found->second : nullptr;
+}
+
+LeaseTable::Lease* LeaseTable::find(const AttemptKey& key) {
+  return const_cast<Lease*>(std::as_const(*this).find(key));
 }
 
 void LeaseTable::grant(const AttemptKey& key, const std::string& token_hash, SteadyTime now, const JobLimits& limits,
@@ -24,6 +29,42 @@ void LeaseTable::grant(const AttemptKey& key, const std::string& token_hash, Ste
   if (limits.wall_seconds > 0) lease.wall_end = now + std::chrono::seconds(limits.wall_seconds) - used;
   lease.moved = now;
   leases_[key.job_id] = lease;
+}
+
+void LeaseTable::grant_waiting(const AttemptKey& key, const std::string& token_hash, SteadyTime now,
+                               const JobLimits& limits) {
+  grant(key, token_hash, now, limits);
+  leases_[key.job_id].phase = Lease::Phase::Waiting;
+}
+
+void LeaseTable::expect(const AttemptKey& key, SteadyTime until) {
+  Lease* lease = find(key);
+  if (!lease || lease->phase != Lease::Phase::Waiting) return;
+  lease->phase = Lease::Phase::Expected;
+  lease->until = until;
+}
+
+bool LeaseTable::begin(const AttemptKey& key, SteadyTime now) {
+  Lease* lease = find(key);
+  if (!lease || lease->phase == Lease::Phase::Running) return false;
+  lease->phase = Lease::Phase::Running;
+  lease->until = now + lease_;
+  if (lease->limits.wall_seconds > 0) lease->wall_end = now + std::chrono::seconds(lease->limits.wall_seconds);
+  lease->moved = now;
+  return true;
+}
+
+bool LeaseTable::is_waiting(const AttemptKey& key) const {
+  const Lease* lease = find(key);
+  return lease && lease->phase == Lease::Phase::Waiting;
+}
+
+bool LeaseTable::is_for(const AttemptKey& key, const std::string& worker) {
+  Lease* lease = find(key);
+  if (!lease) return false;
+  if (worker.empty()) return true;
+  if (lease->worker.empty()) lease->worker = worker;
+  return lease->worker == worker;
 }
 
 void LeaseTable::end(const AttemptKey& key) {
@@ -59,20 +100,21 @@ std::optional<Limit> LeaseTable::exceeded(const Lease& lease, SteadyTime now) {
 }
 
 bool LeaseTable::is_cancelled(const AttemptKey& key) const {
-  const auto found = leases_.find(key.job_id);
-  return found != leases_.end() && found->second.attempt == key.attempt && found->second.cancelled;
+  const Lease* lease = find(key);
+  return lease && lease->cancelled;
 }
 
 LeaseTable::Due LeaseTable::due(SteadyTime now) {
   Due due;
   for (auto& [job_id, lease] : leases_) {
     const AttemptKey key{job_id, lease.attempt};
-    if (now >= lease.until && !lease.is_expired) {
+    const bool is_waiting = lease.phase == Lease::Phase::Waiting;
+    if (now >= lease.until && !lease.is_expired && !is_waiting) {
       lease.is_expired = true;
       due.expired.push_back(key);
     }
     // A job that is being cancelled ends by its ladder.
-    const bool is_watched = !lease.is_expired && !lease.cancelled && (!lease.quiet_until || now >= *lease.quiet_until);
+    const bool is_watched = lease.phase == Lease::Phase::Running && !lease.is_expired && !lease.cancelled && (!lease.quiet_until || now >= *lease.quiet_until);
     if (is_watched) {
       if (const auto limit = exceeded(lease, now)) {
         lease.is_expired = true;
@@ -83,7 +125,9 @@ LeaseTable::Due LeaseTable::due(SteadyTime now) {
       }
     }
     if (!lease.cancelled) continue;
-    if (lease.step == Lease::Step::None && now >= *lease.cancelled + ladder_.terminate) {
+    // Nobody is there who could see it in a heartbeat's answer.
+    const bool is_deaf = lease.phase != Lease::Phase::Running;
+    if (lease.step == Lease::Step::None && (is_deaf || now >= *lease.cancelled + ladder_.terminate)) {
       lease.step = Lease::Step::Terminated;
       due.terminate.push_back(key);
     }

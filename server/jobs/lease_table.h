@@ -32,10 +32,21 @@ class LeaseTable {
   /// `used` is the wall time that the attempt has used before `now`.
   void grant(const AttemptKey& key, const std::string& token_hash, SteadyTime now, const JobLimits& limits = {},
              std::chrono::milliseconds used = {});
+  /// As grant(), for a worker that waits for its turn in a queue elsewhere, as long as that takes: neither the lease nor
+  /// the wall time runs before begin().
+  void grant_waiting(const AttemptKey& key, const std::string& token_hash, SteadyTime now, const JobLimits& limits);
+  /// Its turn has come: when the worker has not called by `until`, the lease has expired. Nothing happens when it does
+  /// not wait any more.
+  void expect(const AttemptKey& key, SteadyTime until);
+  /// The worker is there: lease and wall time run from now. False when they ran before.
+  bool begin(const AttemptKey& key, SteadyTime now);
+  bool is_waiting(const AttemptKey& key) const;
   void end(const AttemptKey& key);
   void cancel(const std::string& job_id, SteadyTime now);
   /// Prolongs the lease. Nothing when the attempt or the token is not the current one.
   std::optional<Wanted> renew(const AttemptKey& key, const std::string& token_hash, SteadyTime now);
+  /// Whether the attempt is this process's: the first that asks has it. "" is a process without a name, which is let in.
+  bool is_for(const AttemptKey& key, const std::string& worker);
   /// What the current attempt has reported.
   void progressed(const AttemptKey& key, const JobProgress& progress, SteadyTime now);
   bool is_cancelled(const AttemptKey& key) const;
@@ -59,6 +70,9 @@ class LeaseTable {
   struct Lease {
     int attempt = 0;
     std::string token_hash;
+    std::string worker;  ///< the process that has it; "" while nobody has said
+    /// Waiting: in a queue elsewhere. Expected: out of it, not heard of yet.
+    enum class Phase { Waiting, Expected, Running } phase = Phase::Running;
     SteadyTime until;
     bool is_expired = false;  ///< the end of the attempt has been reported as due
     JobLimits limits;
@@ -70,6 +84,7 @@ class LeaseTable {
     enum class Step { None, Terminated, Killed } step = Step::None;
   };
   Lease* find(const AttemptKey& key);
+  const Lease* find(const AttemptKey& key) const;
   static std::optional<Limit> exceeded(const Lease& lease, SteadyTime now);
 
   std::chrono::milliseconds lease_;

@@ -2,6 +2,7 @@
 
 #include "core/support/failpoint.h"
 #include "server/launch/process_identity.h"
+#include "server/launch/worker_files.h"
 
 #include <fcntl.h>
 #include <poll.h>
@@ -31,16 +32,6 @@ int open_process(pid_t pid) { return static_cast<int>(::syscall(SYS_pidfd_open, 
 
 [[noreturn]] void fail(int code, const std::string& what) {
   throw std::runtime_error(what + ": " + std::strerror(code));
-}
-
-void write_secret(const fs::path& file, const std::string& text) {
-  fs::remove(file);
-  const int descriptor = ::open(file.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0600);
-  if (descriptor < 0) fail(errno, "cannot write the token file");
-  const ssize_t count = ::write(descriptor, text.data(), text.size());
-  const int code = errno;
-  ::close(descriptor);
-  if (count != static_cast<ssize_t>(text.size())) fail(code, "cannot write the token file");
 }
 
 class FileDescriptor {
@@ -158,15 +149,15 @@ void LocalLauncher::set_server_address(const std::string& address) {
 }
 
 fs::path LocalLauncher::token_file(const AttemptKey& key) const {
-  return settings_.run / (key.job_id + "-" + std::to_string(key.attempt) + ".token");
+  return settings_.run / (file_name_of(key) + ".token");
 }
 
 fs::path LocalLauncher::log_file(const AttemptKey& key) const {
-  return settings_.logs / (key.job_id + "-" + std::to_string(key.attempt) + ".log");
+  return settings_.logs / (file_name_of(key) + ".log");
 }
 
 fs::path LocalLauncher::work_folder(const AttemptKey& key) const {
-  return settings_.work / (key.job_id + "-" + std::to_string(key.attempt));
+  return settings_.work / file_name_of(key);
 }
 
 void LocalLauncher::remove_files(const AttemptKey& key) const {
@@ -190,7 +181,7 @@ std::string LocalLauncher::start_process(const LaunchRequest& request) {
   const AttemptKey& key = request.key;
   write_secret(token_file(key), request.token);
   fs::create_directories(work_folder(key));
-  remove_old_logs();
+  keep_newest(settings_.logs, settings_.max_logs);
   const FileDescriptor log(::open(log_file(key).c_str(), O_WRONLY | O_CREAT | O_TRUNC | O_APPEND | O_CLOEXEC, 0600));
   if (log.get() < 0) fail(errno, "cannot write the worker's log");
   SALTUS_FAILPOINT("launch.before");
@@ -314,15 +305,6 @@ void LocalLauncher::limit_logs() {
     // Workers write in append mode, so they go on at the new end.
     if (!error && static_cast<std::int64_t>(size) > settings_.max_log_bytes) fs::resize_file(log_file(key), 0, error);
   }
-}
-
-void LocalLauncher::remove_old_logs() {
-  std::vector<std::pair<fs::file_time_type, fs::path>> logs;
-  for (const auto& entry : fs::directory_iterator(settings_.logs))
-    logs.emplace_back(entry.last_write_time(), entry.path());
-  if (logs.size() <= settings_.max_logs) return;
-  std::sort(logs.begin(), logs.end());
-  for (std::size_t i = 0; i < logs.size() - settings_.max_logs; ++i) fs::remove(logs[i].second);
 }
 
 void LocalLauncher::remove_stale_files() {

@@ -54,7 +54,6 @@ class LocalLauncher final : public Launcher {
   void reap(const AttemptKey& key, Worker& worker);
   void signal(const AttemptKey& key, int number);
   void limit_logs();
-  void remove_old_logs();
   std::filesystem::path token_file(const AttemptKey& key) const;
   std::filesystem::path log_file(const AttemptKey& key) const;
   std::filesystem::path work_folder(const AttemptKey& key) const;

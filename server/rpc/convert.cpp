@@ -40,6 +40,8 @@ v1::JobStage to_message(JobStage stage) {
   switch (stage) {
     case JobStage::Unknown:
       return v1::JOB_STAGE_UNSPECIFIED;
+    case JobStage::Waiting:
+      return v1::JOB_STAGE_WAITING;
     case JobStage::Fetching:
       return v1::JOB_STAGE_FETCHING;
     case JobStage::Validating:
@@ -202,6 +204,8 @@ v1::RegistrationJob to_message(const JobView& view) {
     message.mutable_checkpoint()->set_level(job.checkpoint->level);
     message.mutable_checkpoint()->set_iteration(job.checkpoint->iteration);
   }
+  message.set_batch_id(job.batch_id);
+  if (job.begun) set_time(*job.begun, *message.mutable_begin_time());
   return message;
 }
 

@@ -257,6 +257,13 @@ void validate_job_id(const std::string& id) {
     refuse("id", shown(id), "it must be the id of a job, as CreateRegistrationJob answered it");
 }
 
+void validate(const v1::AcquireLeaseRequest& request) {
+  const std::string& worker = request.worker();
+  if (worker.size() > kWordBytes || (!worker.empty() && !is_plain(worker)))
+    refuse("worker", shown(worker),
+           "it must be a name of at most " + std::to_string(kWordBytes) + " letters, digits, '-', '_' and '.', or empty");
+}
+
 void validate(const v1::PutCheckpointRequest& request) {
   check_digest("checkpoint.digest", request.checkpoint().digest());
   if (request.checkpoint().size() <= 0)

@@ -11,7 +11,8 @@ grpc::ServerUnaryReactor* WorkerServiceImpl::AcquireLease(grpc::CallbackServerCo
                                                           v1::AcquireLeaseResponse* response) {
   return answer_from_pool(pool_, context, [this, request, response] {
     validate_job_id(request->job_id());
-    *response = to_message(jobs_.acquire({request->job_id(), request->attempt()}, request->token()));
+    validate(*request);
+    *response = to_message(jobs_.acquire({request->job_id(), request->attempt()}, request->token(), request->worker()));
   });
 }
 

@@ -134,7 +134,13 @@ ALTER TABLE blob ADD COLUMN owner TEXT NOT NULL DEFAULT '';
 CREATE INDEX blob_by_owner ON blob (owner, size) WHERE owner <> '';
 )sql";
 
-constexpr const char* kMigrations[] = {kJobsAndBlobs, kSchedulingAndCheckpoints, kRetention, kOwners};
+// What a batch system calls the attempt, and when it let its worker begin. Attempts of before were in no such queue.
+constexpr const char* kBatchSystem = R"sql(
+ALTER TABLE job ADD COLUMN batch_id TEXT NOT NULL DEFAULT '';
+ALTER TABLE job ADD COLUMN begun INTEGER;
+)sql";
+
+constexpr const char* kMigrations[] = {kJobsAndBlobs, kSchedulingAndCheckpoints, kRetention, kOwners, kBatchSystem};
 static_assert(std::size(kMigrations) == kSchemaVersion);
 
 std::int64_t pragma(Database& database, const char* sql) {

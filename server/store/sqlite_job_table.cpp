@@ -6,8 +6,8 @@ namespace {
 #define SALTUS_JOB_COLUMNS                                                                                          \
   "SELECT sequence, revision, id, submitter, request_id, request_hash, spec, threads, priority, memory_bytes, "     \
   "limit_wall_seconds, limit_cpu_seconds, limit_memory_bytes, state, attempt, lost_attempts, crashes, not_before, " \
-  "loss_reason, loss_message, token_hash, process, created, started, ended, failure_reason, failure_message "       \
-  "FROM job "
+  "loss_reason, loss_message, token_hash, process, created, started, ended, failure_reason, failure_message, "      \
+  "batch_id, begun FROM job "
 
 std::int64_t milliseconds(WallTime time) { return time.time_since_epoch().count(); }
 WallTime wall_time(std::int64_t value) { return WallTime(std::chrono::milliseconds(value)); }
@@ -86,6 +86,8 @@ JobRecord SqliteJobTable::record(Query& query) {
   job.started = optional_time(query);
   job.ended = optional_time(query);
   job.failure = optional_failure(query);
+  job.batch_id = query.text();
+  job.begun = optional_time(query);
   return job;
 }
 
@@ -268,13 +270,14 @@ void SqliteJobTable::update(JobRecord& job) {
   Query query = database_.query(
       "UPDATE job SET revision = ?, state = ?, attempt = ?, lost_attempts = ?, crashes = ?, not_before = ?, "
       "loss_reason = ?, loss_message = ?, token_hash = ?, process = ?, started = ?, ended = ?, failure_reason = ?, "
-      "failure_message = ? WHERE sequence = ?");
+      "failure_message = ?, batch_id = ?, begun = ? WHERE sequence = ?");
   query.bind(job.revision).bind(number(job.state)).bind(job.attempt).bind(job.lost_attempts).bind(job.crashes);
   query.bind_optional(milliseconds(job.not_before));
   bind_failure(query, job.last_loss);
   query.bind(job.token_hash).bind(job.process);
   query.bind_optional(milliseconds(job.started)).bind_optional(milliseconds(job.ended));
   bind_failure(query, job.failure);
+  query.bind(job.batch_id).bind_optional(milliseconds(job.begun));
   query.bind(job.sequence).run();
   database_.query("DELETE FROM artifact WHERE job = ?").bind(job.sequence).run();
   std::int64_t position = 0;

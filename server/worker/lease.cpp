@@ -6,6 +6,9 @@
 
 #include <algorithm>
 #include <csignal>
+#include <iomanip>
+#include <random>
+#include <sstream>
 
 namespace saltus::worker {
 namespace {
@@ -29,6 +32,13 @@ Request identified(const AttemptIdentity& identity) {
   return request;
 }
 
+std::string name_at_random() {
+  std::random_device source;
+  std::ostringstream name;
+  for (int i = 0; i < 4; ++i) name << std::hex << std::setw(8) << std::setfill('0') << source();
+  return name.str();
+}
+
 std::chrono::milliseconds milliseconds_of(double seconds) {
   return std::chrono::milliseconds(static_cast<std::int64_t>(1000 * seconds));
 }
@@ -46,10 +56,12 @@ void catch_termination_signals() {
 Lease::Lease(AttemptIdentity identity, std::function<void(Lease&)> when_late)
     : identity_(std::move(identity)),
       when_late_(std::move(when_late)),
-      stub_(v1::WorkerService::NewStub(client::make_channel(identity_.server))) {
+      stub_(v1::WorkerService::NewStub(client::make_channel(identity_.server, identity_.tls))) {
   client::CallSettings settings{.address = identity_.server, .retry = {}, .stop = {}};
   settings.retry.patience = acquire_patience;
-  const auto request = identified<v1::AcquireLeaseRequest>(identity_);
+  auto request = identified<v1::AcquireLeaseRequest>(identity_);
+  // So that a second process which somebody starts with the same token is told apart.
+  request.set_worker(name_at_random());
   client::call(settings, client::CallKind::Unary,
                [&](grpc::ClientContext& context, bool&) { return stub_->AcquireLease(&context, request, &terms_); });
   SALTUS_FAILPOINT("worker.acquired");

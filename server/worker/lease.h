@@ -19,9 +19,11 @@ namespace saltus::worker {
 /// Which attempt of which job this process is, and the secret that proves it.
 struct AttemptIdentity {
   std::string server;  ///< unix:/path or host:port
+  client::TlsIdentity tls;  ///< for a server beyond this machine
   std::string job_id;
   int attempt = 0;
   std::string token;
+  std::string blobs;  ///< the daemon's folder of blobs, when this machine sees it; "": they come over the connection
 };
 
 /// Why a worker must not go on.

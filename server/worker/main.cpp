@@ -1,4 +1,8 @@
+#include "core/support/errors.h"
+#include "server/worker/attempt_process.h"
+#include "server/worker/connection.h"
 #include "server/worker/process_limits.h"
+#include "server/worker/signals.h"
 #include "server/worker/worker_session.h"
 
 #include <CLI/CLI.hpp>
@@ -7,35 +11,84 @@
 #include <fstream>
 #include <iostream>
 
-int main(int argument_count, char** arguments) {
-  using namespace saltus::worker;
+namespace {
+
+using namespace saltus::worker;
+
+struct Arguments {
+  Connection connection;
+  std::string blobs, job, token_file;
+  int attempt = 0;
+  bool guard = false;
+};
+
+/// A file, because argument lists and environments are open to every user of the machine.
+std::string read_token(const std::string& file) {
+  std::string token;
+  if (file == "-")
+    std::cin >> token;
+  else
+    std::ifstream(file) >> token;
+  if (token.empty())
+    throw saltus::InvalidInput("--token-file is " + file + ", which holds no token or cannot be read");
+  return token;
+}
+
+/// Looks after the process of the attempt, and cleans up after it.
+int guard(const Arguments& arguments) {
+  const Signals signals;
+  AttemptOrder order{arguments.job, arguments.attempt, "", arguments.token_file, arguments.connection.options()};
+  if (!arguments.blobs.empty()) order.options.insert(order.options.end(), {"--blobs", arguments.blobs});
+  if (order.token_file == "-") {
+    order.token = read_token("-");
+    order.token_file.clear();
+  }
+  end_like(run_attempt_process(order, signals.stop()));
+}
+
+int run(const Arguments& arguments) {
+  if (arguments.guard) return guard(arguments);
+  const AttemptIdentity identity{arguments.connection.server, arguments.connection.identity(), arguments.job,
+                                 arguments.attempt,           read_token(arguments.token_file), arguments.blobs};
+  catch_termination_signals();
+  prepare_process();
+  return run_attempt(identity);
+}
+
+}  // namespace
+
+int main(int argument_count, char** words) {
   CLI::App app{"Runs one attempt of a job of saltusd, which starts this program", "saltus-worker"};
   app.set_version_flag("--version", "saltus-worker " SALTUS_VERSION);
-  AttemptIdentity identity;
-  std::string token_file;
-  app.add_option("--server", identity.server, "Address of saltusd: unix:/path or host:port")->required();
-  app.add_option("--job", identity.job_id, "Id of the job")->required();
-  app.add_option("--attempt", identity.attempt, "Number of the attempt")->required()->check(CLI::PositiveNumber);
-  app.add_option("--token-file", token_file, "File with the launch token of the attempt")
-      ->required()
-      ->check(CLI::ExistingFile);
+  Arguments arguments;
+  add_options(app, arguments.connection);
+  app.add_option("--blobs", arguments.blobs,
+                 "The daemon's folder blobs/sha256, when this machine sees it: inputs are read there")
+      ->type_name("DIR");
+  app.add_option("--job", arguments.job, "Id of the job")->required();
+  app.add_option("--attempt", arguments.attempt, "Number of the attempt")->required()->check(CLI::PositiveNumber);
+  app.add_option("--token-file", arguments.token_file,
+                 "File with the launch token of the attempt; - is standard input, with --guard")
+      ->required();
+  app.add_flag("--guard", arguments.guard,
+               "Run the attempt in a process below this one, with a folder for temporary files that goes with it");
   app.footer(
       "Exit codes: 0 an outcome was reported, 1 internal error, 2 usage, 3 saltusd not reachable for the length of "
       "the\n"
       "lease, 4 lease lost, 5 ended by SIGTERM before an outcome, 6 out of memory, which could not be reported, 7 no "
       "room for the results.");
   try {
-    app.parse(argument_count, arguments);
+    app.parse(argument_count, words);
   } catch (const CLI::ParseError& error) {
     return app.exit(error) == 0 ? OutcomeReported : UsageError;
   }
-  // A file, because argument lists and environments are open to every user of the machine.
-  std::ifstream(token_file) >> identity.token;
-  if (identity.token.empty()) {
-    std::cerr << "saltus-worker: --token-file is " << token_file << ", which holds no token" << std::endl;
+  try {
+    return run(arguments);
+  } catch (const saltus::InvalidInput& error) {
+    std::cerr << "saltus-worker: " << error.what() << std::endl;
     return UsageError;
+  } catch (const std::exception& error) {
+    std::cerr << "saltus-worker: " << error.what() << std::endl;
+    return InternalError;
   }
-  catch_termination_signals();
-  prepare_process();
-  return run_attempt(identity);
 }

@@ -7,6 +7,7 @@
 #include "server/worker/checkpoint_keeper.h"
 #include "server/worker/process_limits.h"
 #include "server/worker/registration_job.h"
+#include "server/worker/shared_blobs.h"
 #include "server/worker/work_folder.h"
 
 #include <algorithm>
@@ -121,12 +122,13 @@ std::string fit_for_transport(std::string message) {
 
 /// Downloads the inputs and says where they are.
 RegistrationTask fetch_task(const v1::AcquireLeaseResponse& terms, client::BlobTransfer& blobs,
-                            const std::filesystem::path& folder) {
+                            const std::filesystem::path& shared_blobs, const std::filesystem::path& folder) {
   const v1::RegistrationSpec& spec = terms.spec();
   RegistrationTask task;
   const auto fetch = [&](const v1::InputFile& input, const std::string& name) {
     const std::filesystem::path file = folder / (name + "." + input.format());
-    blobs.download(input.digest(), file);
+    const bool is_shared = !shared_blobs.empty() && copy_shared_blob(shared_blobs, input.digest(), file);
+    if (!is_shared) blobs.download(input.digest(), file);
     task.digests[name] = input.digest();
     return file;
   };
@@ -172,7 +174,7 @@ std::optional<std::filesystem::path> fetch_checkpoint(const v1::AcquireLeaseResp
 /// one before that is safe.
 CheckpointKeeper::Put put_with(Lease& lease, const AttemptIdentity& identity, const std::filesystem::path& folder,
                                const Progress& place) {
-  const auto channel = client::make_channel(identity.server);
+  const auto channel = client::make_channel(identity.server, identity.tls);
   return [&lease, &place, channel, file = folder / "checkpoint.new"](const std::string& bytes,
                                                                      const std::stop_token& stop) {
     std::ofstream out(file, std::ios::binary | std::ios::trunc);
@@ -228,10 +230,10 @@ std::vector<std::string> register_with_checkpoints(const RegistrationTask& task,
 
 WorkerExit work(Lease& lease, const AttemptIdentity& identity, const WorkFolder& work_folder) {
   const std::filesystem::path& folder = work_folder.path();
-  client::BlobTransfer blobs(client::make_channel(identity.server), lease.transfer_settings());
+  client::BlobTransfer blobs(client::make_channel(identity.server, identity.tls), lease.transfer_settings());
   try {
     report_stage(lease, v1::JOB_STAGE_FETCHING);
-    const RegistrationTask task = fetch_task(lease.terms(), blobs, folder);
+    const RegistrationTask task = fetch_task(lease.terms(), blobs, identity.blobs, folder);
     const auto checkpoint = fetch_checkpoint(lease.terms(), blobs, folder);
 
     const std::filesystem::path results = folder / "results";
@@ -241,7 +243,7 @@ WorkerExit work(Lease& lease, const AttemptIdentity& identity, const WorkFolder&
     // A daemon that is away is not waited for so long: the lease then ends, and with it the transfer.
     client::CallSettings patient = lease.transfer_settings();
     patient.retry.patience = std::max<std::chrono::milliseconds>(patient.retry.patience, room_patience);
-    client::BlobTransfer result_blobs(client::make_channel(identity.server), patient);
+    client::BlobTransfer result_blobs(client::make_channel(identity.server, identity.tls), patient);
     std::vector<v1::Artifact> artifacts;
     for (const std::string& name : names) {
       SALTUS_FAILPOINT("worker.upload.before");

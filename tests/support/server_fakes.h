@@ -247,6 +247,9 @@ class FakeLauncher final : public server::Launcher {
  public:
   using Key = server::AttemptKey;
 
+  bool is_batch_system() const override { return is_batch; }
+  std::string name_of(const Key& key) const override { return is_batch ? name(key) : ""; }
+  void on_news(NewsHandler handler) override { news_ = std::move(handler); }
   void on_exit(ExitHandler handler) override { handler_ = std::move(handler); }
   std::string start(const server::LaunchRequest& request) override {
     std::lock_guard lock(mutex_);
@@ -254,7 +257,7 @@ class FakeLauncher final : public server::Launcher {
     started_.push_back(request);
     alive_.insert(request.key);
     changed_.notify_all();
-    return "process of " + request.key.job_id + " " + std::to_string(request.key.attempt);
+    return name(request.key);
   }
   bool adopt(const Key& key, const std::string&) override {
     std::lock_guard lock(mutex_);
@@ -275,6 +278,7 @@ class FakeLauncher final : public server::Launcher {
     return alive_.empty();
   }
 
+  void tell(const Key& key, const server::QueueNews& news) { news_(key, news); }
   /// The process ends this way.
   void end(const Key& key, server::WorkerExit exit) {
     handler_(key, exit);
@@ -292,6 +296,7 @@ class FakeLauncher final : public server::Launcher {
   std::vector<Key> killed() const { return copy(killed_); }
 
   std::atomic<bool> refuse_starts{false};
+  bool is_batch = false;    ///< to be set before a manager has it
   std::set<Key> adoptable;  ///< to be set before the manager recovers
 
  private:
@@ -300,7 +305,11 @@ class FakeLauncher final : public server::Launcher {
     std::lock_guard lock(mutex_);
     return list;
   }
+  static std::string name(const Key& key) {
+    return "process of " + key.job_id + " " + std::to_string(key.attempt);
+  }
   ExitHandler handler_;
+  NewsHandler news_;
   mutable std::mutex mutex_;
   std::condition_variable changed_;
   std::vector<server::LaunchRequest> started_;

@@ -82,6 +82,8 @@ TYPED_TEST(JobTableSuite, GivesBackEveryField) {
   job.checkpoint = Checkpoint{.digest = "sha256:3", .size = 5, .attempt = 1, .level = 2, .iteration = 17};
   job.token_hash = "#token";
   job.process = "42 1 boot";
+  job.batch_id = "17";
+  job.begun = WallTime(std::chrono::milliseconds(7));
   job.started = WallTime(std::chrono::milliseconds(5));
   job.ended = WallTime(std::chrono::milliseconds(6));
   job.failure = JobFailure{"DIVERGED", "it diverged"};
@@ -110,6 +112,8 @@ TYPED_TEST(JobTableSuite, GivesBackEveryField) {
   EXPECT_EQ(found.checkpoint, job.checkpoint);
   EXPECT_EQ(found.token_hash, job.token_hash);
   EXPECT_EQ(found.process, job.process);
+  EXPECT_EQ(found.batch_id, job.batch_id);
+  EXPECT_EQ(found.begun, job.begun);
   EXPECT_EQ(found.created, job.created);
   EXPECT_EQ(found.started, job.started);
   EXPECT_EQ(found.ended, job.ended);

@@ -19,6 +19,9 @@ class JobManagerTest : public ::testing::Test {
   void make_manager() {
     manager.reset();
     launcher = std::make_unique<testing_support::FakeLauncher>();
+    make_manager_of_launcher();
+  }
+  void make_manager_of_launcher() {
     settings.slots = slots;
     settings.default_threads = 4;
     manager = std::make_unique<JobManager>(

@@ -17,8 +17,10 @@ using testing_support::kReleasedSchema1;
 using testing_support::kReleasedSchema2;
 using testing_support::kReleasedSchema3;
 using testing_support::kReleasedSchema4;
+using testing_support::kReleasedSchema5;
 
-constexpr const char* kReleased[] = {kReleasedSchema1, kReleasedSchema2, kReleasedSchema3, kReleasedSchema4};
+constexpr const char* kReleased[] = {kReleasedSchema1, kReleasedSchema2, kReleasedSchema3, kReleasedSchema4,
+                                     kReleasedSchema5};
 static_assert(std::size(kReleased) == kSchemaVersion, "a new schema needs a fixture of its own");
 
 class SchemaTest : public ::testing::Test {
@@ -174,6 +176,22 @@ TEST_F(SchemaTest, TheFourthSchemaKeepsEverythingItHeld) {
   EXPECT_TRUE(table.is_marked_unreferenced("sha256:old"));
   EXPECT_EQ(table.blob_bytes_of("ann"), 50);
   EXPECT_EQ(table.blob_bytes_of("bob"), 0);
+}
+
+TEST_F(SchemaTest, TheFifthSchemaKeepsEverythingItHeldAndOlderAttemptsWereInNoBatchSystem) {
+  database.execute(kReleasedSchema5);
+  prepare_schema(database);
+  expect_jobs_since_schema_2();
+  SqliteJobTable table(database);
+  EXPECT_EQ(table.find("held")->batch_id, "77");
+  EXPECT_EQ(table.find("held")->begun, at(2504));
+  EXPECT_EQ(table.find("retry")->batch_id, "");
+  EXPECT_FALSE(table.find("retry")->begun);
+
+  Database older(folder / "older", Database::Access::ReadWrite);
+  older.execute(kReleasedSchema4);
+  prepare_schema(older);
+  EXPECT_EQ(SqliteJobTable(older).find("held")->batch_id, "");
 }
 
 TEST_F(SchemaTest, SequencesOfDeletedJobsAreNotGivenAgain) {

@@ -1,0 +1,507 @@
+// The launcher against a Slurm that the test plays: a queue in memory behind sbatch, squeue and scancel.
+#include "server/launch/slurm_launcher.h"
+
+#include "tests/support/server_fakes.h"
+#include "tests/support/temporary_folder.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <sys/stat.h>
+
+#include <map>
+#include <sstream>
+
+namespace saltus::server {
+namespace {
+
+using namespace std::chrono_literals;
+using ::testing::Contains;
+using ::testing::ElementsAre;
+using ::testing::HasSubstr;
+using ::testing::IsEmpty;
+using ::testing::Not;
+using ::testing::SizeIs;
+using ::testing::StartsWith;
+using testing_support::content_of;
+
+/// What sbatch, squeue and scancel do, and how they can fail.
+class FakeSlurm {
+ public:
+  struct Job {
+    std::string name, state = "PENDING", script;
+    int wait_status = 0;
+    std::vector<std::string> arguments;
+  };
+
+  CommandResult run(const Command& command) {
+    ++calls;
+    if (is_away) return failure("error: Unable to contact slurm controller (connect failure)");
+    const std::string& program = command.arguments.at(0);
+    if (program == "sbatch") return sbatch(command);
+    if (program == "squeue") return squeue();
+    if (program == "scancel") return scancel(command);
+    return {CommandResult::End::NotStarted, 2, "", ""};
+  }
+
+  std::string only_live() const {
+    std::string found;
+    for (const auto& [id, job] : jobs)
+      if (job.state == "PENDING" || job.state == "RUNNING") found = found.empty() ? id : "several";
+    return found;
+  }
+
+  std::map<std::string, Job> jobs;
+  int calls = 0, looks = 0;
+  bool is_away = false;
+  bool loses_answers = false;   ///< sbatch takes the job, and its answer gets lost
+  std::string refuses;          ///< what sbatch says instead of taking a job
+  bool drops_scancel = false;   ///< scancel cannot reach the controller
+  std::vector<std::vector<std::string>> cancels;
+
+ private:
+  static CommandResult failure(const std::string& text) { return {CommandResult::End::Exited, 1, "", text + "\n"}; }
+
+  CommandResult sbatch(const Command& command) {
+    if (!refuses.empty()) return failure("sbatch: error: " + refuses);
+    Job job;
+    job.arguments = command.arguments;
+    job.script = command.input;
+    for (const std::string& argument : command.arguments)
+      if (argument.starts_with("--job-name=")) job.name = argument.substr(11);
+    const std::string id = std::to_string(++last_id_);
+    jobs[id] = job;
+    if (loses_answers) return {CommandResult::End::TimedOut, 0, "", ""};
+    return {CommandResult::End::Exited, 0, id + "\n", ""};
+  }
+
+  CommandResult squeue() {
+    ++looks;
+    std::ostringstream out;
+    for (const auto& [id, job] : jobs) out << id << "   |" << job.name << "   |" << job.state << " |" << job.wait_status << "  \n";
+    return {CommandResult::End::Exited, 0, out.str(), ""};
+  }
+
+  CommandResult scancel(const Command& command) {
+    if (drops_scancel) return failure("scancel: error: Socket timed out on send/recv operation");
+    cancels.emplace_back(command.arguments.begin() + 1, command.arguments.end());
+    for (const std::string& argument : command.arguments)
+      if (const auto found = jobs.find(argument); found != jobs.end())
+        if (found->second.state == "PENDING" || found->second.state == "RUNNING") found->second.state = "CANCELLED";
+    return {CommandResult::End::Exited, 0, "", ""};
+  }
+
+  int last_id_ = 0;
+};
+
+class SlurmLauncherTest : public ::testing::Test {
+ protected:
+  SlurmLauncherTest() {
+    for (const char* name : {"run", "logs"}) std::filesystem::create_directory(folder / name);
+    settings.batch.worker = "/opt/saltus/bin/saltus-worker";
+    settings.batch.server_address = "login.example:8443";
+    settings.tag = "ab12";
+    settings.run = folder / "run";
+    settings.logs = folder / "logs";
+    settings.log = [this](const std::string& line) { log.push_back(line); };
+    restart();
+  }
+
+  /// As after a crash of the daemon: Slurm stays, what the launcher knew is gone.
+  void restart() {
+    launcher = std::make_unique<SlurmLauncher>(
+        settings, clock, [this](const Command& command, auto, auto) { return slurm.run(command); }, false);
+    launcher->on_news([this](const AttemptKey& key, const QueueNews& told) { news[key].push_back(told); });
+    launcher->on_exit([this](const AttemptKey& key, const WorkerExit& exit) { exits[key].push_back(exit); });
+  }
+  LaunchRequest request(const std::string& job = "job-1", int attempt = 1) {
+    return {{job, attempt}, "5ec4e7", 3, {}, 0};
+  }
+  /// Every look that is due within `time`, in order.
+  void pass(std::chrono::milliseconds time) {
+    launcher->step();
+    for (auto done = 0ms; done < time; done += 1s) {
+      clock->advance(1s);
+      launcher->step();
+    }
+  }
+  void look() { pass(settings.poll); }
+  FakeSlurm::Job& only_job() {
+    EXPECT_THAT(slurm.jobs, SizeIs(1));
+    return slurm.jobs.begin()->second;
+  }
+
+  testing_support::TemporaryFolder folder;
+  std::shared_ptr<testing_support::FakeClock> clock = std::make_shared<testing_support::FakeClock>();
+  SlurmSettings settings;
+  FakeSlurm slurm;
+  std::vector<std::string> log;
+  std::map<AttemptKey, std::vector<QueueNews>> news;
+  std::map<AttemptKey, std::vector<WorkerExit>> exits;
+  std::unique_ptr<SlurmLauncher> launcher;
+  const AttemptKey key{"job-1", 1};
+};
+
+TEST_F(SlurmLauncherTest, SubmitsWhatTheJobDeclares) {
+  LaunchRequest asked = request();
+  asked.memory_bytes = (std::int64_t{3} << 30) + 1;
+  asked.limits.wall_seconds = 600;
+  settings.batch.options = {"--partition=long", "--account=lab"};
+  restart();
+  EXPECT_EQ(launcher->start(asked), "slurm saltus-ab12-job-1-1");
+  launcher->step();
+  const auto& arguments = only_job().arguments;
+  for (const char* argument : {"--parsable", "--no-requeue", "--job-name=saltus-ab12-job-1-1", "--ntasks=1",
+                               "--cpus-per-task=3", "--mem=3073M", "--time=12", "--partition=long", "--account=lab"})
+    EXPECT_THAT(arguments, Contains(argument));
+  EXPECT_EQ(news[key].back().batch_id, "1");
+  EXPECT_FALSE(news[key].back().has_its_turn);
+}
+
+TEST_F(SlurmLauncherTest, SaysNothingOfMemoryAndTimeWhenTheJobDoesNot) {
+  launcher->start(request());
+  launcher->step();
+  for (const std::string& argument : only_job().arguments) {
+    EXPECT_THAT(argument, Not(StartsWith("--mem")));
+    EXPECT_THAT(argument, Not(StartsWith("--time")));
+  }
+}
+
+TEST_F(SlurmLauncherTest, TheTokenGoesThroughTheScriptAndNothingElse) {
+  launcher->start(request());
+  launcher->step();
+  EXPECT_THAT(only_job().script, HasSubstr("5ec4e7"));
+  for (const std::string& argument : only_job().arguments) EXPECT_THAT(argument, Not(HasSubstr("5ec4e7")));
+  for (const std::string& line : log) EXPECT_THAT(line, Not(HasSubstr("5ec4e7")));
+  EXPECT_TRUE(std::filesystem::is_empty(folder / "run"));
+}
+
+TEST_F(SlurmLauncherTest, WithASharedFolderTheTokenIsAFileOfTheOwnerThere) {
+  settings.batch.shared_data = "/mnt/saltus";
+  restart();
+  launcher->start(request());
+  launcher->step();
+  EXPECT_THAT(only_job().script, Not(HasSubstr("5ec4e7")));
+  EXPECT_THAT(only_job().script, HasSubstr("'/mnt/saltus/run/job-1-1.token'"));
+  EXPECT_THAT(only_job().script, HasSubstr("'--blobs' '/mnt/saltus/blobs/sha256'"));
+  EXPECT_THAT(only_job().arguments, Contains("--output=/mnt/saltus/logs/job-1-1.log"));
+  struct stat status {};
+  ASSERT_EQ(stat((folder / "run/job-1-1.token").c_str(), &status), 0);
+  EXPECT_EQ(status.st_mode & 0777, 0600u);
+  EXPECT_EQ(content_of(folder / "run/job-1-1.token"), "5ec4e7");
+  only_job().state = "COMPLETED";
+  look();
+  EXPECT_FALSE(std::filesystem::exists(folder / "run/job-1-1.token"));
+}
+
+struct Ending {
+  const char* state;
+  int wait_status;
+  WorkerExit::Kind kind;
+  int number;
+};
+class SlurmEndings : public SlurmLauncherTest, public ::testing::WithParamInterface<Ending> {};
+
+TEST_P(SlurmEndings, AreToldOnceAsWhatTheyAre) {
+  launcher->start(request());
+  launcher->step();
+  only_job().state = "RUNNING";
+  look();
+  EXPECT_TRUE(news[key].back().has_its_turn);
+  EXPECT_THAT(exits[key], IsEmpty());
+  only_job().state = GetParam().state;
+  only_job().wait_status = GetParam().wait_status;
+  look();
+  look();
+  ASSERT_THAT(exits[key], SizeIs(1));
+  EXPECT_EQ(exits[key][0].kind, GetParam().kind);
+  EXPECT_EQ(exits[key][0].number, GetParam().number);
+  EXPECT_TRUE(launcher->is_idle());
+}
+
+INSTANTIATE_TEST_SUITE_P(
+    Slurm, SlurmEndings,
+    ::testing::Values(Ending{"COMPLETED", 0, WorkerExit::Kind::Exited, 0},
+                      Ending{"FAILED", 3 << 8, WorkerExit::Kind::Exited, 3},
+                      Ending{"FAILED", 9, WorkerExit::Kind::Signalled, 9},
+                      Ending{"FAILED", 139 << 8, WorkerExit::Kind::Signalled, 11},
+                      Ending{"OUT_OF_MEMORY", 9, WorkerExit::Kind::Exited, kOutOfMemoryExit},
+                      Ending{"TIMEOUT", 15, WorkerExit::Kind::TimeLimit, 0},
+                      Ending{"PREEMPTED", 15, WorkerExit::Kind::Preempted, 0},
+                      Ending{"NODE_FAIL", 0, WorkerExit::Kind::NodeFailed, 0},
+                      Ending{"CANCELLED", 15, WorkerExit::Kind::Withdrawn, 0}),
+    [](const auto& info) { return std::string(info.param.state) + "_" + std::to_string(info.param.wait_status); });
+
+TEST_F(SlurmLauncherTest, AWordThatNobodyKnowsIsNoEnd) {
+  launcher->start(request());
+  launcher->step();
+  for (const char* state : {"COMPLETING", "SUSPENDED", "A_NEW_WORD", "CONFIGURING"}) {
+    only_job().state = state;
+    look();
+    EXPECT_THAT(exits[key], IsEmpty()) << state;
+  }
+}
+
+TEST_F(SlurmLauncherTest, OneThatSlurmHasForgottenIsGone) {
+  launcher->start(request());
+  launcher->step();
+  slurm.jobs.clear();
+  look();
+  ASSERT_THAT(exits[key], SizeIs(1));
+  EXPECT_EQ(exits[key][0].kind, WorkerExit::Kind::Vanished);
+}
+
+TEST_F(SlurmLauncherTest, AControllerThatIsAwayLosesNothingAndIsNotStormed) {
+  launcher->start(request());
+  launcher->step();
+  only_job().state = "RUNNING";
+  slurm.is_away = true;
+  launcher->start(request("job-2"));
+  slurm.calls = 0;
+  pass(1h);
+  EXPECT_THAT(exits, IsEmpty());
+  EXPECT_LE(slurm.calls, 3600 / 10 + 2);
+  EXPECT_THAT(log, ElementsAre(HasSubstr("a submission was not taken"), HasSubstr("Slurm does not answer")));
+  slurm.is_away = false;
+  look();
+  EXPECT_THAT(log, Contains("Slurm answers again"));
+  EXPECT_THAT(exits, IsEmpty());
+  EXPECT_THAT(slurm.jobs, SizeIs(2));
+}
+
+TEST_F(SlurmLauncherTest, AnAnswerThatIsLostDoublesNothing) {
+  slurm.loses_answers = true;
+  launcher->start(request());
+  pass(1min);
+  EXPECT_EQ(slurm.only_live(), "1");
+  EXPECT_EQ(news[key].back().batch_id, "1");
+}
+
+TEST_F(SlurmLauncherTest, AnswersThatMeanNothingAreNoAnswers) {
+  for (const char* text : {"oops\n", "1|a|RUNNING\n", "1|a|RUNNING|x\n", "|a|RUNNING|0\n", "1|a||0\n"})
+    EXPECT_FALSE(parse_listing(text)) << text;
+  EXPECT_THAT(*parse_listing(""), IsEmpty());
+  EXPECT_THAT(*parse_listing("7 |some|body's |RUNNING |0 \n"), IsEmpty());
+  const auto rows = *parse_listing("7_3   |a name  |RUNNING  |768 \n");
+  ASSERT_THAT(rows, SizeIs(1));
+  EXPECT_EQ(rows[0].id, "7_3");
+  EXPECT_EQ(rows[0].name, "a name");
+  EXPECT_EQ(rows[0].wait_status, 768);
+}
+
+TEST_F(SlurmLauncherTest, ARefusalIsRepeatedAndThenTold) {
+  slurm.refuses = "Batch job submission failed: Invalid partition name specified";
+  launcher->start(request());
+  pass(settings.refusal_patience - 1s);
+  EXPECT_THAT(exits, IsEmpty());
+  pass(2 * settings.poll);
+  ASSERT_THAT(exits[key], SizeIs(1));
+  EXPECT_EQ(exits[key][0].kind, WorkerExit::Kind::Refused);
+  EXPECT_THAT(exits[key][0].detail, HasSubstr("Invalid partition name specified"));
+}
+
+TEST_F(SlurmLauncherTest, ARefusalForOneIsNoneForTheOthers) {
+  slurm.refuses = "Invalid";
+  launcher->start(request());
+  launcher->step();
+  slurm.refuses.clear();
+  launcher->start(request("job-2"));
+  pass(2s);
+  EXPECT_THAT(news, Contains(::testing::Key(AttemptKey{"job-2", 1})));
+}
+
+TEST_F(SlurmLauncherTest, ALimitOfTheSiteIsWaitedForHoweverLongItHolds) {
+  slurm.refuses = "Job violates accounting/QOS policy (job submit limit, user's size and/or time limits)";
+  launcher->start(request());
+  pass(3 * settings.refusal_patience);
+  EXPECT_THAT(exits, IsEmpty());
+  slurm.refuses.clear();
+  look();
+  EXPECT_THAT(slurm.jobs, SizeIs(1));
+}
+
+TEST_F(SlurmLauncherTest, TheNextDaemonFindsWaitingRunningAndEndedOnes) {
+  for (const char* job : {"waits", "runs", "ended", "lost"}) launcher->start(request(job));
+  launcher->step();
+  for (auto& [id, job] : slurm.jobs) {
+    if (job.name == "saltus-ab12-runs-1") job.state = "RUNNING";
+    if (job.name == "saltus-ab12-ended-1") job.state = "NODE_FAIL";
+  }
+  std::erase_if(slurm.jobs, [](const auto& entry) { return entry.second.name == "saltus-ab12-lost-1"; });
+  news.clear();
+  restart();
+  for (const char* job : {"waits", "runs", "ended", "lost"})
+    EXPECT_TRUE(launcher->adopt({job, 1}, std::string("slurm saltus-ab12-") + job + "-1"));
+  look();
+  EXPECT_FALSE((news[{"waits", 1}].back().has_its_turn));
+  EXPECT_TRUE((news[{"runs", 1}].back().has_its_turn));
+  EXPECT_EQ((exits[{"ended", 1}].at(0).kind), WorkerExit::Kind::NodeFailed);
+  EXPECT_EQ((exits[{"lost", 1}].at(0).kind), WorkerExit::Kind::Vanished);
+  EXPECT_THAT(slurm.jobs, SizeIs(3));
+  EXPECT_THAT(slurm.cancels, IsEmpty());
+}
+
+TEST_F(SlurmLauncherTest, WhatIsNotItsOwnIsNotAdopted) {
+  EXPECT_FALSE(launcher->adopt(key, "42 1 boot"));
+  EXPECT_FALSE(launcher->adopt(key, "slurm saltus-other-job-1-1"));
+  EXPECT_TRUE(launcher->is_idle());
+}
+
+TEST_F(SlurmLauncherTest, JobsOfItsOwnThatNobodyKnowsAreCancelledAndNoOthers) {
+  slurm.jobs["7"].name = "saltus-ab12-gone-1";
+  slurm.jobs["8"].name = "saltus-ffff-other-1";
+  slurm.jobs["9"].name = "of-somebody";
+  launcher->step();
+  EXPECT_EQ(slurm.jobs["7"].state, "CANCELLED");
+  EXPECT_EQ(slurm.jobs["8"].state, "PENDING");
+  EXPECT_EQ(slurm.jobs["9"].state, "PENDING");
+}
+
+TEST_F(SlurmLauncherTest, OfTwoWithOneNameOneGoesOn) {
+  launcher->start(request());
+  launcher->step();
+  slurm.jobs["0"] = slurm.jobs["1"];
+  slurm.jobs["2"] = slurm.jobs["1"];
+  look();
+  EXPECT_EQ(slurm.only_live(), "1");
+  EXPECT_THAT(exits, IsEmpty());
+}
+
+TEST_F(SlurmLauncherTest, CancelsUntilItIsGone) {
+  launcher->start(request());
+  launcher->step();
+  only_job().state = "RUNNING";
+  look();
+  slurm.drops_scancel = true;
+  launcher->terminate(key);
+  launcher->step();
+  EXPECT_EQ(only_job().state, "RUNNING");
+  slurm.drops_scancel = false;
+  look();
+  EXPECT_THAT(slurm.cancels, ElementsAre(ElementsAre("1")));
+  look();
+  EXPECT_EQ(exits[key].at(0).kind, WorkerExit::Kind::Withdrawn);
+}
+
+TEST_F(SlurmLauncherTest, AKillDoesNotWaitForTheWorker) {
+  launcher->start(request());
+  launcher->step();
+  launcher->terminate(key);
+  launcher->step();
+  launcher->kill(key);
+  launcher->step();
+  EXPECT_THAT(slurm.cancels, ElementsAre(ElementsAre("1"), ElementsAre("1"), ElementsAre("--signal=KILL", "--full", "1")));
+}
+
+TEST_F(SlurmLauncherTest, OneThatWasNeverSubmittedEndsAtOnceWhenItIsCancelled) {
+  slurm.is_away = true;
+  launcher->step();
+  launcher->start(request());
+  launcher->terminate(key);
+  launcher->step();
+  EXPECT_THAT(exits[key], SizeIs(1));
+  slurm.is_away = false;
+  look();
+  EXPECT_THAT(slurm.jobs, IsEmpty());
+}
+
+TEST_F(SlurmLauncherTest, OneThatMayHaveBeenSubmittedIsCancelledWhenItIsFound) {
+  slurm.loses_answers = true;
+  launcher->start(request());
+  launcher->step();
+  launcher->terminate(key);
+  pass(30s);
+  EXPECT_EQ(only_job().state, "CANCELLED");
+  EXPECT_EQ(exits[key].at(0).kind, WorkerExit::Kind::Withdrawn);
+}
+
+TEST_F(SlurmLauncherTest, WithNothingToWatchSlurmIsLeftInPeace) {
+  pass(1h);
+  EXPECT_EQ(slurm.looks, 1);
+}
+
+TEST_F(SlurmLauncherTest, ItsNameInSlurmIsMadeOnce) {
+  const auto file = folder / "slurm.tag";
+  EXPECT_EQ(tag_of(file, "0123abcd"), "0123abcd");
+  EXPECT_EQ(tag_of(file, "ffffffff"), "0123abcd");
+  folder.write("slurm.tag", "no tag;");
+  EXPECT_THROW(tag_of(file, "ffffffff"), std::runtime_error);
+}
+
+/// What a shell makes of the script: the words that the worker gets, one a line, and its standard input.
+class BatchScriptTest : public SlurmLauncherTest {
+ protected:
+  std::string words_seen(const BatchRequest& request) {
+    const auto worker = folder.write("a 'worker'; $(false)", "#!/bin/sh\nfor word; do echo \"<$word>\"; done\ncat\n");
+    std::filesystem::permissions(worker, std::filesystem::perms::owner_all);
+    settings.batch.worker = worker.string();
+    const Command command = submission(settings.batch, request);
+    return run_command({{"/bin/sh"}, command.input}, 60s).output;
+  }
+};
+
+TEST_F(BatchScriptTest, NoWordIsReadAsACommand) {
+  const std::string evil = "a b'; touch " + (folder / "evil").string() + "; echo '$(touch evil)`touch evil`\\\n&|*";
+  settings.batch.server_address = evil;
+  settings.batch.tls = {evil, evil, evil};
+  settings.batch.shared_data = evil;
+  BatchRequest request;
+  request.worker_arguments = {evil, ""};
+  request.input = "token; touch evil $(touch evil) 'x";
+  const std::string quoted = "<" + evil + ">\n";
+  EXPECT_EQ(words_seen(request), "<--server>\n" + quoted + "<--tls-ca>\n" + quoted + "<--tls-cert>\n" + quoted +
+                                     "<--tls-key>\n" + quoted + "<--blobs>\n<" + evil + "/blobs/sha256>\n" + quoted +
+                                     "<>\n" + request.input + "\n");
+  EXPECT_FALSE(std::filesystem::exists(folder / "evil"));
+  request.input = "END_OF_INPUT\ntouch evil";
+  EXPECT_THROW(submission(settings.batch, request), std::logic_error);
+}
+
+TEST(RunCommand, GivesInputAndTakesOutputAndErrors) {
+  const auto result = run_command({{"sh", "-c", "cat; echo bad >&2; exit 3"}, std::string(1 << 20, 'x')}, 60s);
+  EXPECT_EQ(result.end, CommandResult::End::Exited);
+  EXPECT_EQ(result.code, 3);
+  EXPECT_EQ(result.output, std::string(1 << 20, 'x'));
+  EXPECT_EQ(describe(result), "bad");
+}
+
+TEST(RunCommand, OneThatDoesNotReadItsInputIsNoError) {
+  EXPECT_TRUE(run_command({{"true"}, std::string(1 << 22, 'x')}, 60s).is_good());
+}
+
+TEST(RunCommand, OneThatTakesTooLongGoesWithAllThatItHasStarted) {
+  const auto result = run_command({{"sh", "-c", "sleep 1000 & echo $!; wait"}, ""}, 200ms);
+  EXPECT_EQ(result.end, CommandResult::End::TimedOut);
+  const int child = std::stoi(result.output);
+  // Killed, and at most waiting to be reaped by whoever inherits it.
+  std::string state;
+  for (int i = 0; i < 100000; ++i) {
+    std::istringstream stat(content_of("/proc/" + std::to_string(child) + "/stat"));
+    std::string skipped;
+    state.clear();
+    stat >> skipped >> skipped >> state;
+    if (state.empty() || state == "Z" || state == "X") break;
+  }
+  EXPECT_TRUE(state.empty() || state == "Z" || state == "X") << state;
+}
+
+TEST(RunCommand, OneThatLeavesSomebodyWithItsOutputHasEnded) {
+  const auto result = run_command({{"sh", "-c", "sleep 1000 & echo done"}, ""}, 60s);
+  EXPECT_TRUE(result.is_good());
+  EXPECT_EQ(result.output, "done\n");
+}
+
+TEST(RunCommand, IsStoppedWithItsDaemon) {
+  std::stop_source stop;
+  stop.request_stop();
+  EXPECT_EQ(run_command({{"sleep", "1000"}, ""}, 60s, stop.get_token()).end, CommandResult::End::Stopped);
+}
+
+TEST(RunCommand, AProgramThatIsNotThereIsToldSo) {
+  const auto result = run_command({{"no-such-program-anywhere"}, ""}, 60s);
+  EXPECT_EQ(result.end, CommandResult::End::NotStarted);
+  EXPECT_THAT(describe(result), HasSubstr("No such file"));
+}
+
+}  // namespace
+}  // namespace saltus::server
