@@ -52,14 +52,7 @@ Daemon::Daemon(const DaemonSettings& settings, std::function<void(const std::str
   if (parts.wrap_store) store_ = parts.wrap_store(std::move(store_));
 
   blobs_ = std::make_unique<BlobCatalog>(*store_, bytes_, *clock_);
-  LocalLauncher* local = nullptr;
-  if (!parts.launcher) {
-    auto made = std::make_unique<LocalLauncher>(LocalLauncherSettings{
-        settings.worker, settings.listen.to_text(), directory_.run(), directory_.logs(), directory_.work()});
-    local = made.get();
-    parts.launcher = std::move(made);
-  }
-  launcher_ = std::move(parts.launcher);
+  launcher_ = parts.launcher ? std::move(parts.launcher) : make_launcher(settings);
   jobs_ = std::make_unique<JobManager>(
       *store_, *blobs_, *launcher_, *clock_, ids_, settings.jobs, [this] { wake(); }, settings.log);
   if (const int failed = fail_jobs_without_inputs(*rows_, bytes_, *clock_); failed > 0)
@@ -75,7 +68,7 @@ Daemon::Daemon(const DaemonSettings& settings, std::function<void(const std::str
   jobs_->recover();
   maintenance_ =
       std::make_unique<Maintenance>(*store_, bytes_, *clock_, settings.retention, settings.maintenance, settings.log);
-  if (local) local->remove_stale_files();
+  if (local_) local_->remove_stale_files();
   ListenAddress listen = settings.listen;
   const bool is_socket = listen.kind == ListenAddress::Kind::UnixSocket;
   if (is_socket) require_nobody_listens(listen.path);
@@ -93,7 +86,12 @@ Daemon::Daemon(const DaemonSettings& settings, std::function<void(const std::str
     address.port = rpc_->protected_ports()[i];
     protected_addresses_.push_back(address.to_text());
   }
-  if (local) local->set_server_address(address_);
+  if (local_) local_->set_server_address(address_);
+  if (slurm_) {
+    const std::string& told = settings.slurm->batch.server_address;
+    const std::string& found = protected_addresses_.empty() ? address_ : protected_addresses_.front();
+    slurm_->set_server_address(told.empty() ? found : told);
+  }
   metrics_.at_scrape([this, dropped_log_lines = settings.dropped_log_lines] {
     JobReader::Totals blobs;
     rows_->read([&](JobReader& reader) { blobs = reader.blob_totals(); });
@@ -108,6 +106,23 @@ Daemon::Daemon(const DaemonSettings& settings, std::function<void(const std::str
   });
   if (settings.metrics_port >= 0) metrics_port_ = metrics_.serve(settings.metrics_host, settings.metrics_port);
   thread_ = std::thread([this] { run(); });
+}
+
+std::unique_ptr<Launcher> Daemon::make_launcher(const DaemonSettings& settings) {
+  if (!settings.slurm) {
+    auto made = std::make_unique<LocalLauncher>(LocalLauncherSettings{
+        settings.worker, settings.listen.to_text(), directory_.run(), directory_.logs(), directory_.work()});
+    local_ = made.get();
+    return made;
+  }
+  SlurmSettings slurm = *settings.slurm;
+  slurm.tag = tag_of(directory_.slurm_tag(), ids_.new_token().substr(0, 8));
+  slurm.run = directory_.run();
+  slurm.logs = directory_.logs();
+  slurm.log = settings.log;
+  auto made = std::make_unique<SlurmLauncher>(std::move(slurm), clock_);
+  slurm_ = made.get();
+  return made;
 }
 
 Daemon::~Daemon() {

@@ -6,6 +6,7 @@
 #include "server/jobs/maintenance.h"
 #include "server/jobs/storage_state.h"
 #include "server/launch/local_launcher.h"
+#include "server/launch/slurm_launcher.h"
 #include "server/observe/audit_log.h"
 #include "server/observe/metrics.h"
 #include "server/observe/observation.h"
@@ -35,6 +36,8 @@ struct DaemonSettings {
   TlsFiles tls;                  ///< for protected_listen
   std::filesystem::path roles;   ///< "": nobody but local callers has a right
   std::filesystem::path worker;  ///< the worker's program
+  /// Workers run in Slurm: what is not filled in (tag, folders, log, address of the daemon) is by the daemon.
+  std::optional<SlurmSettings> slurm;
   ManagerSettings jobs;
   ReserveSettings reserve;
   std::int64_t upload_quota = 0;  ///< bytes of blobs that one submitter may have; 0: no limit
@@ -85,6 +88,7 @@ class Daemon {
  private:
   void run();
   void wake();
+  std::unique_ptr<Launcher> make_launcher(const DaemonSettings& settings);
   /// Tells the log when the disk's reserve is touched, and when it is whole again.
   void watch_reserve();
 
@@ -120,6 +124,8 @@ class Daemon {
   SqliteJobStore* rows_ = nullptr;  // inside store_
   std::unique_ptr<JobStore> store_;
   std::unique_ptr<Launcher> launcher_;
+  LocalLauncher* local_ = nullptr;  // inside launcher_, as the next
+  SlurmLauncher* slurm_ = nullptr;
   std::unique_ptr<Maintenance> maintenance_;
   std::unique_ptr<RpcServer> rpc_;
   std::thread thread_;

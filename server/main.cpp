@@ -58,6 +58,21 @@ void wait_for_end(int signals, bool watch_stdin) {
   }
 }
 
+void use_slurm(const Config& config, DaemonSettings& settings) {
+  SlurmSettings slurm;
+  slurm.batch.worker = config.slurm.worker;
+  slurm.batch.server_address = config.slurm.server;
+  slurm.batch.tls = {config.slurm.authority, config.slurm.certificate, config.slurm.key};
+  slurm.batch.shared_data = config.slurm.shared_data;
+  slurm.batch.options = config.slurm.options;
+  slurm.poll = std::chrono::milliseconds(static_cast<long long>(1000 * config.slurm.poll_seconds));
+  // Slurm tells of an end at the next look: until then, a worker that has done its work is not ended by force.
+  settings.jobs.linger = std::max<std::chrono::milliseconds>(settings.jobs.linger, 3 * slurm.poll);
+  // A request to end goes through Slurm, which gives a worker some seconds more by itself.
+  settings.jobs.cancel_ladder = {std::chrono::milliseconds(2000), std::chrono::milliseconds(15000)};
+  settings.slurm = std::move(slurm);
+}
+
 DaemonSettings settings_of(const Config& config) {
   DaemonSettings settings;
   settings.data = config.data;
@@ -81,6 +96,7 @@ DaemonSettings settings_of(const Config& config) {
   settings.jobs.checkpoint_interval = config.checkpoint_interval;
   settings.jobs.queue.retry_delay = config.retry_delay;
   settings.jobs.stall_timeout = config.stall_timeout;
+  if (config.launcher == LauncherKind::Slurm) use_slurm(config, settings);
   settings.jobs.heartbeat_interval =
       std::min<std::chrono::milliseconds>(std::chrono::milliseconds(500), config.lease / 4);
   settings.jobs.queue.max_queued = limits::kQueuedJobs;

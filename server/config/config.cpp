@@ -19,6 +19,7 @@ namespace fs = std::filesystem;
 namespace {
 
 constexpr int kUsage = 2;
+constexpr int kSlurmSlots = 100;
 constexpr double kGibibyte = 1 << 30;
 
 /// The shortest text that is read as the same number.
@@ -113,8 +114,10 @@ ParsedConfig parse_config(int argc, char** argv) {
   app.add_option("--tls-client-ca", config.tls.client_authority, "Authorities that clients' certificates are of, PEM")
       ->type_name("FILE");
   app.add_option("--roles", roles, "Who may do what: lines of IDENTITY = ROLE, ROLE ...")->type_name("FILE");
-  app.add_option("--slots", config.slots, "Workers at the same time [cores / threads per job]")
-      ->check(CLI::Range(1, 1024));
+  app.add_option("--slots", config.slots,
+                 "Workers at the same time; in Slurm, waiting or running; 0 runs none here, for workers of other "
+                 "machines that come by themselves [cores / threads per job; in Slurm 100]")
+      ->check(CLI::Range(0, 4096));
   app.add_option("--threads-per-job", config.threads_per_job, "Threads of a job that does not say [cores]")
       ->check(CLI::Range(1, 1024));
   app.add_option("--threads", config.threads, "Threads of all workers together [cores, at least what the slots need]")
@@ -122,6 +125,7 @@ ParsedConfig parse_config(int argc, char** argv) {
   app.add_option("--memory-budget", memory_gib, "Memory of all workers together, GiB [80 % of the machine's]")
       ->check(CLI::Range(0.001, 1048576.0));
   app.add_option("--worker", worker, "The worker's program [saltus-worker beside saltusd]")->type_name("PATH");
+  add_slurm_options(app, config.launcher, config.slurm);
   app.add_option("--lease-seconds", lease_seconds, "How long a worker may be silent before its job is given to another")
       ->check(CLI::Range(1.0, 3600.0))
       ->capture_default_str();
@@ -195,18 +199,28 @@ ParsedConfig parse_config(int argc, char** argv) {
   const int cores = std::max(1, static_cast<int>(std::thread::hardware_concurrency()));
   if (config.threads_per_job == 0) config.threads_per_job = cores;
   has_default("--threads-per-job", std::to_string(config.threads_per_job));
-  if (config.slots == 0) config.slots = std::max(1, cores / config.threads_per_job);
+  const bool is_local = config.launcher == LauncherKind::Local;
+  if (app.get_option("--slots")->count() == 0)
+    config.slots = is_local ? std::max(1, cores / config.threads_per_job) : kSlurmSlots;
   has_default("--slots", std::to_string(config.slots));
-  if (config.threads == 0) config.threads = std::max(cores, config.slots * config.threads_per_job);
-  has_default("--threads", std::to_string(config.threads));
-  if (config.threads < config.threads_per_job)
+  // What other machines have is not this daemon's to count, unless it is told to.
+  const bool is_counted = is_local && config.slots > 0;
+  if (config.threads == 0 && is_counted) config.threads = std::max(cores, config.slots * config.threads_per_job);
+  has_default("--threads", config.threads > 0 ? std::to_string(config.threads) : "");
+  if (config.threads > 0 && config.threads < config.threads_per_job)
     throw InvalidInput("--threads is " + std::to_string(config.threads) + "; it must be at least " +
                        std::to_string(config.threads_per_job) + ", the threads of one job");
-  config.memory_budget = memory_gib > 0 ? static_cast<std::int64_t>(memory_gib * kGibibyte) : default_memory_budget();
-  has_default("--memory-budget", text_of(static_cast<double>(config.memory_budget) / kGibibyte));
+  config.memory_budget = static_cast<std::int64_t>(memory_gib * kGibibyte);
+  if (config.memory_budget == 0 && is_counted) config.memory_budget = default_memory_budget();
+  has_default("--memory-budget",
+              config.memory_budget > 0 ? text_of(static_cast<double>(config.memory_budget) / kGibibyte) : "");
   config.worker = worker.empty() ? default_worker() : fs::absolute(worker);
   has_default("--worker", config.worker.string());
-  if (!is_printing) require_program(config.worker);
+  // Another machine's files cannot be looked at.
+  if (!is_printing && is_counted) require_program(config.worker);
+  if (config.slurm.worker.empty()) config.slurm.worker = config.worker.string();
+  has_default("--slurm-worker", config.slurm.worker);
+  if (!is_local) require_usable(config.slurm, config.protected_listen);
   if (!reserve.empty()) config.reserve = parse_reserve(reserve);
   config.upload_quota = parse_size("--upload-quota", upload_quota);
   config.retention = {std::chrono::hours(24 * input_days), std::chrono::hours(24 * result_days),

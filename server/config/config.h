@@ -1,6 +1,7 @@
 #pragma once
 
 #include "server/config/listen_address.h"
+#include "server/config/slurm_options.h"
 #include "server/jobs/garbage_collector.h"
 #include "server/observe/log_output.h"
 #include "server/rpc/listener.h"
@@ -22,10 +23,12 @@ struct Config {
   TlsFiles tls;  ///< set when protected_listen is not empty
   std::filesystem::path roles;
   std::filesystem::path worker;
-  int slots = 0;
+  LauncherKind launcher = LauncherKind::Local;
+  SlurmConfig slurm;
+  int slots = 0;  ///< 0: none run on this machine
   int threads_per_job = 0;
-  int threads = 0;                 ///< of all workers together
-  std::int64_t memory_budget = 0;  ///< bytes, of all workers together
+  int threads = 0;                 ///< of all workers together; 0: not counted
+  std::int64_t memory_budget = 0;  ///< bytes, of all workers together; 0: not counted
   std::chrono::milliseconds lease{};
   std::chrono::milliseconds checkpoint_interval{};
   ReserveSettings reserve;

@@ -8,7 +8,7 @@ std::string gibibytes(std::int64_t bytes) {
 }
 
 bool Budget::fits(const Demand& demand) const {
-  if (held_.empty()) return true;
+  if (held_.empty()) return slots_ > 0;
   Demand sum = demand;
   for (const auto& [key, share] : held_) {
     sum.threads += share.demand.threads;

@@ -22,6 +22,7 @@ std::string gibibytes(std::int64_t bytes);
 /// answer holds its share until the process is gone. Has no lock of its own.
 class Budget {
  public:
+  /// With no slots, nothing fits.
   Budget(int slots, Demand total) : slots_(slots), total_(total) {}
 
   /// There is room for one more worker of this demand. One that is larger than all there is (the budget was larger when

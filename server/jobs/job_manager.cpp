@@ -315,7 +315,7 @@ int JobManager::threads_of(const JobRecord& job) const {
 
 Demand JobManager::demand_of(int threads, std::int64_t memory_bytes) const {
   const std::int64_t share =
-      settings_.default_memory > 0 ? settings_.default_memory : settings_.memory_budget / settings_.slots;
+      settings_.default_memory > 0 ? settings_.default_memory : settings_.memory_budget / std::max(1, settings_.slots);
   return {threads > 0 ? threads : settings_.default_threads, memory_bytes > 0 ? memory_bytes : share};
 }
 

@@ -128,7 +128,12 @@ void JobManager::end_attempt(const AttemptKey& key, std::function<std::optional<
 }
 
 void JobManager::lose(const AttemptKey& key, LossCause cause, const std::string& detail, Ending ending) {
-  const bool is_quiet = cause == LossCause::Exited && detail == "exit code 0";
+  bool is_quiet = cause == LossCause::Exited && detail == "exit code 0";
+  if (cause == LossCause::Withdrawn) {
+    // By this daemon, because somebody has cancelled the job.
+    std::lock_guard lock(mutex_);
+    is_quiet = leases_.is_cancelled(key);
+  }
   end_attempt(
       key, [this, key, cause, detail](JobTable& table) { return queue_.lose(table, key, cause, detail); },
       is_quiet ? "" : describe(cause, detail), ending);

@@ -27,6 +27,8 @@ class DataDirectory {
   std::filesystem::path run() const { return root_ / "run"; }
   std::filesystem::path logs() const { return root_ / "logs"; }
   std::filesystem::path work() const { return root_ / "work"; }
+  /// What the Slurm jobs of this daemon are named after.
+  std::filesystem::path slurm_tag() const { return root_ / "slurm.tag"; }
   std::filesystem::path audit() const { return root_ / "audit.log"; }
 
  private:

@@ -60,7 +60,8 @@ class ConfigText : public testing::Test {
   }
   /// Every option, with a value that is not its default.
   std::vector<std::string> everything() {
-    std::vector<std::string> words = {"--exit-on-stdin-close"};
+    std::vector<std::string> words = {"--exit-on-stdin-close", "--slurm-option=--partition=long",
+                                      "--slurm-option=--account=a b"};
     const std::pair<std::string, std::string> options[] = {{"--data", folder / "data"},
                                                            {"--listen", "unix:/run/x.sock"},
                                                            {"--listen", "0.0.0.0:50051"},
@@ -73,6 +74,14 @@ class ConfigText : public testing::Test {
                                                            {"--threads", "7"},
                                                            {"--memory-budget", "3.7"},
                                                            {"--worker", "/bin/true"},
+                                                           {"--launcher", "slurm"},
+                                                           {"--slurm-server", "login:50051"},
+                                                           {"--slurm-tls-ca", "/n/a"},
+                                                           {"--slurm-tls-cert", "/n/c"},
+                                                           {"--slurm-tls-key", "/n/k"},
+                                                           {"--slurm-worker", "/n/saltus-worker"},
+                                                           {"--slurm-shared-data", "/n/data"},
+                                                           {"--slurm-poll-seconds", "2.5"},
                                                            {"--lease-seconds", "12.5"},
                                                            {"--checkpoint-seconds", "0"},
                                                            {"--keep-inputs-days", "1"},
@@ -121,6 +130,44 @@ TEST_F(ConfigText, NamesEveryOption) {
     ++options;
   }
   EXPECT_GT(options, 25) << help;
+}
+
+TEST_F(ConfigText, InSlurmNothingOfThisMachineIsCountedUnlessItIsSaid) {
+  const Config config = parse({"--data", folder / "data", "--launcher", "slurm"}).config;
+  EXPECT_EQ(config.slots, 100);
+  EXPECT_EQ(config.threads, 0);
+  EXPECT_EQ(config.memory_budget, 0);
+  EXPECT_EQ(config.slurm.worker, config.worker);
+  const Config told = parse({"--data", folder / "data", "--launcher", "slurm", "--slots", "7", "--threads", "99",
+                             "--memory-budget", "2"})
+                          .config;
+  EXPECT_EQ(told.slots, 7);
+  EXPECT_EQ(told.threads, 99);
+  EXPECT_EQ(told.memory_budget, std::int64_t{2} << 30);
+  EXPECT_EQ(parse({"--data", folder / "data", "--slots", "0"}).config.slots, 0);
+}
+
+TEST_F(ConfigText, ASlurmWhoseWorkersCouldNotComeIsRefused) {
+  const auto refused = [&](std::vector<std::string> words) {
+    words.insert(words.begin(), {"--data", folder / "data", "--launcher", "slurm"});
+    try {
+      parse(words);
+    } catch (const InvalidInput& error) {
+      return std::string(error.what());
+    }
+    return std::string();
+  };
+  const std::vector<std::string> tls = {"--tls-cert", "/c", "--tls-key", "/k", "--tls-client-ca", "/a", "--roles", "/r"};
+  const auto with = [&](std::vector<std::string> words) {
+    words.insert(words.end(), tls.begin(), tls.end());
+    return words;
+  };
+  EXPECT_THAT(refused(with({"--listen", "0.0.0.0:50051"})), HasSubstr("add --slurm-server HOST:PORT"));
+  EXPECT_THAT(refused(with({"--listen", "login:50051"})), HasSubstr("need --slurm-tls-ca"));
+  EXPECT_THAT(refused({"--slurm-server", "login:50051"}), HasSubstr("need --slurm-tls-ca"));
+  EXPECT_THAT(refused({"--slurm-server", "login:50051", "--slurm-tls-ca", "/a"}), HasSubstr("give all three"));
+  EXPECT_THAT(refused({"--slurm-option=-p"}), HasSubstr("--slurm-option is -p"));
+  EXPECT_EQ(refused({"--slurm-server", "127.0.0.1:50051"}), "");
 }
 
 TEST_F(ConfigText, GivesWayToTheCommandLine) {

@@ -1,0 +1,376 @@
+"""The daemon with a real Slurm of one machine: what the launcher promises must hold when Slurm does what it does.
+
+Each case is a test of its own: slurm_test.py --programs build/bin --case NAME.
+"""
+
+import argparse
+import json
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+
+sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
+import cluster  # noqa: E402
+
+parser = argparse.ArgumentParser()
+parser.add_argument("--programs", required=True)
+parser.add_argument("--case", required=True)
+options = parser.parse_args()
+
+PATIENCE = 120
+SHORT = ["--model", "gaussian", "--similarity", "ssd", "--set", "regularisation=0.0001"]
+LONG = ["--set", "tolerance=0", "--set", "optimality_tolerance=0", "--set", "time_steps=64", "--set",
+        "max_iterations=10000", "--set", "levels=1", "--set", "width_voxels=64"]
+# Some seconds of work in several steps, with a checkpoint after each.
+STEPS = ["--set", "tolerance=0", "--set", "optimality_tolerance=0", "--set", "time_steps=16", "--set",
+         "max_iterations=30"]
+
+
+class Service:
+    """A daemon that submits to the cluster, and the command line as its client."""
+
+    def __init__(self, folder, slurm, more=()):
+        self.folder, self.slurm, self.more = folder, slurm, list(more)
+        self.address = "unix:" + os.path.join(folder, "socket")
+        self.daemon = None
+        self.log = os.path.join(folder, "saltusd.log")
+
+    def path(self, *names):
+        return os.path.join(self.folder, *names)
+
+    def __enter__(self):
+        self.run("phantom", "rectangle", "--size", "160,160", "--texture", "blobs", "--out", self.path("pair"))
+        self.start()
+        return self
+
+    def __exit__(self, *_):
+        self.kill()
+
+    def start(self):
+        self.daemon = subprocess.Popen(
+            [os.path.join(options.programs, "saltusd"), "--data", self.path("data"), "--listen", self.address,
+             "--launcher", "slurm", "--slurm-poll-seconds", "0.5", "--retry-seconds", "0.1", "--checkpoint-seconds",
+             "0.1", "--lease-seconds", "5"] + self.more,
+            stdout=subprocess.PIPE, stderr=open(self.log, "ab"), text=True)
+        line = self.daemon.stdout.readline()
+        assert line.startswith("listening on"), f"{line}\n{self.told()}"
+
+    def kill(self, how=signal.SIGKILL):
+        if self.daemon is None:
+            return None
+        self.daemon.send_signal(how)
+        code = self.daemon.wait(PATIENCE)
+        self.daemon.stdout.close()
+        self.daemon = None
+        return code
+
+    def run(self, *words, check=True):
+        done = subprocess.run([os.path.join(options.programs, "saltus"), *words], capture_output=True, text=True,
+                              timeout=PATIENCE, check=False)
+        if check and done.returncode != 0:
+            raise RuntimeError(f"saltus {' '.join(words)}: {done.returncode} {done.stderr}")
+        return done.stdout
+
+    def submit(self, *more):
+        pair = []
+        for role in ("fixed", "moving"):
+            found = [name for name in os.listdir(self.path("pair")) if name.startswith(role + ".")]
+            assert len(found) == 1, os.listdir(self.path("pair"))
+            pair += ["--" + role, self.path("pair", found[0])]
+        threads = [] if "--threads" in more else ["--threads", "1"]
+        out = self.run("submit", *pair, "--preset", "fast", "--format", "mha", "--server", self.address, *threads,
+                       *more)
+        return out.split()[0]
+
+    def get(self, job):
+        return json.loads(self.run("get", job, "--json", "--server", self.address))
+
+    def wait(self, job, condition, what):
+        found = {}
+
+        def is_so():
+            found.update(self.get(job))
+            return condition(found)
+
+        try:
+            self.slurm.wait_until(is_so, f"{what}, of {job}")
+        except RuntimeError as error:
+            raise RuntimeError(f"{error}\n{json.dumps(found, indent=1)}\n{self.told()}") from error
+        return dict(self.get(job))
+
+    def wait_for_state(self, job, state):
+        ended = ("SUCCEEDED", "FAILED", "CANCELLED")
+        found = self.wait(job, lambda j: j["state"] == state or j["state"] in ended, state)
+        assert found["state"] == state, f"{json.dumps(found, indent=1)}\n{self.told()}"
+        return found
+
+    def wait_for_work(self, job, attempt=1):
+        return self.wait(job, lambda j: j["attempt"] >= attempt and
+                         j.get("progress", {}).get("stage") == "optimising" and j["progress"]["iteration"] > 0,
+                         f"attempt {attempt} at work")
+
+    def told(self):
+        with open(self.log, encoding="utf-8", errors="replace") as log:
+            return log.read()
+
+
+def equal(found, expected, what=""):
+    assert found == expected, f"{what}: {found!r} is not {expected!r}"
+
+
+def names_of_live(slurm):
+    return [name for _, name, state in slurm.jobs() if state in ("PENDING", "RUNNING", "COMPLETING")]
+
+
+def results(job):
+    """Digests of what the solver has found; the other files have times in them."""
+    return {a["name"]: a["digest"] for a in job["artifacts"] if a["name"].endswith(".mha")}
+
+
+def normal_run(service, slurm):
+    """Declared resources reach Slurm, the result comes back, and nothing is left on the node."""
+    before = set(os.listdir(tempfile.gettempdir()))
+    job = service.submit(*SHORT, "--memory", "0.1953125", "--wall-time", "10", "--threads", "2")
+    done = service.wait_for_state(job, "SUCCEEDED")
+    equal(done["attempt"], 1)
+    number = done["batch_id"]
+    assert number.isdigit() and "begin_time" in done, done
+    told = slurm.run("scontrol", "show", "job", number)
+    for text in ("NumCPUs=2", "MinMemoryNode=200M", "TimeLimit=00:12:00", "Requeue=0", f"saltus-"):
+        assert text in told, f"{text} is not in {told}"
+    slurm.wait_until(lambda: not names_of_live(slurm), "Slurm's queue to be empty")
+    assert "COMPLETED" in {state for _, _, state in slurm.jobs()}
+    left = {name for name in set(os.listdir(tempfile.gettempdir())) - before if name.startswith("saltus-worker")}
+    equal(left, set(), "temporary files on the node")
+    # The same bits as without Slurm.
+    out = service.path("here")
+    service.run("register", "--fixed", pair(service, "fixed"), "--moving", pair(service, "moving"), "--preset", "fast",
+                "--threads", "2", "--format", "mha", "--out", out, *SHORT)
+    service.run("fetch", job, "--out", service.path("there"), "--server", service.address)
+    for name in ("displacement.mha", "inverse_displacement.mha"):
+        with open(os.path.join(out, name), "rb") as a, open(service.path("there", name), "rb") as b:
+            assert a.read() == b.read(), name + " differs from that of a local worker"
+
+
+def pair(service, role):
+    found = [name for name in os.listdir(service.path("pair")) if name.startswith(role + ".")]
+    return service.path("pair", found[0])
+
+
+def shared_folder(service, slurm):
+    """Tokens, logs and inputs by a folder that the nodes see."""
+    job = service.submit(*LONG)
+    service.wait_for_work(job)
+    tokens = os.listdir(service.path("data", "run"))
+    equal(len(tokens), 1)
+    equal(os.stat(service.path("data", "run", tokens[0])).st_mode & 0o777, 0o600)
+    equal(len(os.listdir(service.path("data", "logs"))), 1)
+    with open(f"/proc/{worker_of(job)}/cmdline", "rb") as words:
+        assert b"blobs/sha256" in words.read()
+    service.run("cancel", job, "--server", service.address)
+    service.wait_for_state(job, "CANCELLED")
+    slurm.wait_until(lambda: not os.listdir(service.path("data", "run")), "the token to be removed")
+
+
+def token_on_node(service, slurm):
+    """Without one, the token is in no argument and no environment, and in a file of the owner alone."""
+    job = service.submit(*LONG)
+    service.wait_for_work(job)
+    process = worker_of(job)
+    with open(f"/proc/{process}/cmdline", "rb") as words:
+        words = [word.decode() for word in words.read().split(b"\0")]
+    token_file = words[words.index("--token-file") + 1]
+    equal(os.stat(token_file).st_mode & 0o777, 0o600)
+    with open(token_file, encoding="ascii") as file:
+        token = file.read().strip()
+    equal(len(token), 64)
+    for name in os.listdir("/proc"):
+        if name.isdigit():
+            for what in ("cmdline", "environ"):
+                try:
+                    with open(f"/proc/{name}/{what}", "rb") as found:
+                        assert token.encode() not in found.read(), f"the token is in {what} of process {name}"
+                except OSError:
+                    pass  # it has ended
+    assert token not in service.told()
+    service.run("cancel", job, "--server", service.address)
+    service.wait_for_state(job, "CANCELLED")
+    slurm.wait_until(lambda: not os.path.exists(os.path.dirname(token_file)), "the folder on the node to be removed")
+
+
+def worker_of(job):
+    """The process that does the work: not its guard."""
+    for name in os.listdir("/proc"):
+        if name.isdigit():
+            try:
+                with open(f"/proc/{name}/cmdline", "rb") as found:
+                    words = found.read().split(b"\0")
+            except OSError:
+                continue
+            if job.encode() in words and b"--guard" not in words and b"saltus-worker" in words[0]:
+                return int(name)
+    raise RuntimeError("no worker of " + job)
+
+
+def cancel(service, slurm):
+    """A running one stops by its heartbeat, a waiting one by scancel; neither is left in Slurm."""
+    running = service.submit(*LONG)
+    service.wait_for_work(running)
+    slurm.run("scontrol", "update", "nodename=" + slurm.host, "state=drain", "reason=test")
+    waiting = service.submit(*LONG)
+    found = service.wait(waiting, lambda j: j.get("batch_id"), "to be in Slurm")
+    equal(found["progress"]["stage"], "waiting")
+    for job in (waiting, running):
+        service.run("cancel", job, "--server", service.address)
+        service.wait_for_state(job, "CANCELLED")
+    slurm.wait_until(lambda: not names_of_live(slurm), "Slurm's queue to be empty")
+
+
+def node_drain(service, slurm):
+    """What runs on a node that is drained goes on; what waits for it waits as long as it takes, and loses nothing."""
+    running = service.submit(*STEPS)
+    service.wait_for_work(running)
+    slurm.run("scontrol", "update", "nodename=" + slurm.host, "state=drain", "reason=test")
+    waiting = service.submit(*SHORT)
+    service.wait(waiting, lambda j: j.get("batch_id"), "to be in Slurm")
+    equal(service.wait_for_state(running, "SUCCEEDED")["attempt"], 1)
+    # Longer than two leases.
+    since = time.monotonic()
+    found = service.wait(waiting, lambda j: time.monotonic() - since > 11, "to have waited for long")
+    equal((found["state"], found["attempt"], found["progress"]["stage"]), ("RUNNING", 1, "waiting"))
+    slurm.run("scontrol", "update", "nodename=" + slurm.host, "state=resume")
+    done = service.wait_for_state(waiting, "SUCCEEDED")
+    equal(done["attempt"], 1)
+    assert "last_loss" not in done, done
+
+
+def killed_job(service, slurm):
+    """A worker that is killed is known as soon as Slurm knows, and the next attempt goes on from the checkpoint."""
+    undisturbed = service.wait_for_state(service.submit(*STEPS), "SUCCEEDED")
+    job = service.submit(*STEPS)
+    service.wait(job, lambda j: "checkpoint" in j, "a checkpoint")
+    os.kill(worker_of(job), signal.SIGKILL)
+    lost = service.wait(job, lambda j: "last_loss" in j, "the loss to be known")
+    equal(lost["last_loss"]["reason"], "WORKER_CRASHED")
+    done = service.wait_for_state(job, "SUCCEEDED")
+    equal(done["attempt"], 2)
+    equal(results(done), results(undisturbed), "the bits of a run that was killed")
+    slurm.wait_until(lambda: not names_of_live(slurm), "Slurm's queue to be empty")
+
+
+def cancelled_by_others(service, slurm):
+    """Somebody takes the Slurm job away: a fresh attempt with another one."""
+    job = service.submit(*LONG)
+    first = service.wait_for_work(job)["batch_id"]
+    slurm.run("scancel", first)
+    found = service.wait_for_work(job, attempt=2)
+    assert found["batch_id"] != first, found
+    assert found["last_loss"]["reason"] in ("BATCH_CANCELLED", "WORKER_EXITED"), found["last_loss"]
+    equal(len(names_of_live(slurm)), 1)
+
+
+def node_failure(service, slurm):
+    """A node that is set down takes its jobs with it: a fresh attempt when it is back."""
+    job = service.submit(*LONG)
+    service.wait_for_work(job)
+    slurm.run("scontrol", "update", "nodename=" + slurm.host, "state=down", "reason=test")
+    lost = service.wait(job, lambda j: "last_loss" in j, "the loss to be known")
+    equal(lost["last_loss"]["reason"], "NODE_FAILED")
+    # Unless it has come back by itself.
+    slurm.run("scontrol", "update", "nodename=" + slurm.host, "state=resume", check=False)
+    service.wait_for_work(job, attempt=2)
+
+
+def time_limit(service, slurm):
+    """Slurm's own limit costs an attempt; the job's own fails it. Slurm's are minutes, so it is told to hurry."""
+    job = service.submit(*LONG)
+    found = service.wait_for_work(job)
+    slurm.run("scontrol", "update", "jobid=" + found["batch_id"], "EndTime=now+2")
+    lost = service.wait(job, lambda j: "last_loss" in j, "the loss to be known")
+    equal(lost["last_loss"]["reason"], "BATCH_TIME_LIMIT")
+    service.wait_for_work(job, attempt=2)
+    own = service.submit(*LONG, "--wall-time", "0.03")
+    failed = service.wait_for_state(own, "FAILED")
+    equal(failed["failure"]["reason"], "WALL_TIME")
+
+
+def daemon_restart(service, slurm):
+    """kill -9, and an orderly stop: jobs that run and jobs that wait are the same afterwards, none twice."""
+    running = service.submit(*LONG)
+    before = service.wait_for_work(running)
+    # The second core is taken by another one, so that the third waits.
+    other = service.submit(*LONG)
+    service.wait_for_work(other)
+    waiting = service.submit(*SHORT)
+    queued = service.wait(waiting, lambda j: j.get("batch_id"), "to be in Slurm")
+    for how in (signal.SIGKILL, signal.SIGTERM):
+        code = service.kill(how)
+        equal(code, -signal.SIGKILL if how == signal.SIGKILL else 0, "exit code of the daemon")
+        service.start()
+        found = service.wait_for_work(running)
+        equal((found["attempt"], found["batch_id"]), (1, before["batch_id"]))
+        iteration = found["progress"]["iteration"]
+        service.wait(running, lambda j: j["progress"]["iteration"] > iteration, "to get on")
+        found = service.get(waiting)
+        equal((found["state"], found["attempt"], found["batch_id"]), ("RUNNING", 1, queued["batch_id"]))
+        equal(len(names_of_live(slurm)), 3)
+    service.run("cancel", other, "--server", service.address)
+    done = service.wait_for_state(waiting, "SUCCEEDED")
+    equal((done["attempt"], done["batch_id"]), (1, queued["batch_id"]))
+    # What ends while no daemon runs is known to the next.
+    service.kill()
+    os.kill(worker_of(running), signal.SIGKILL)
+    slurm.wait_until(lambda: not names_of_live(slurm), "Slurm's queue to be empty")
+    service.start()
+    found = service.wait_for_work(running, attempt=2)
+    equal(len(names_of_live(slurm)), 1)
+
+
+def controller_away(service, slurm):
+    """slurmctld is gone for a while: what runs goes on and ends, what is new waits for it."""
+    running = service.submit(*STEPS)
+    service.wait_for_work(running)
+    slurm.stop("slurmctld")
+    later = service.submit(*SHORT)
+    equal(service.wait_for_state(running, "SUCCEEDED")["attempt"], 1)
+    slurm.wait_until(lambda: "Slurm does not answer" in service.told(), "the daemon to miss Slurm")
+    equal(service.get(later)["state"], "RUNNING")
+    slurm.start("slurmctld")
+    done = service.wait_for_state(later, "SUCCEEDED")
+    equal(done["attempt"], 1)
+    equal(len([name for _, name, _ in slurm.jobs() if later in name]), 1, "submissions of the job")
+
+
+CASES = {case.__name__: case for case in (
+    normal_run, shared_folder, token_on_node, cancel, node_drain, killed_job, cancelled_by_others, node_failure,
+    time_limit, daemon_restart, controller_away)}
+
+
+def main():
+    reason = cluster.why_not()
+    if reason:
+        print("SKIPPED: " + reason)
+        return 0
+    with tempfile.TemporaryDirectory(prefix="saltus-slurm-") as folder:
+        os.makedirs(os.path.join(folder, "slurm"))
+        os.chmod(folder, 0o755)
+        with cluster.Cluster(os.path.join(folder, "slurm")) as slurm:
+            more = ["--slurm-shared-data", os.path.join(folder, "data")] if options.case == "shared_folder" else []
+            with Service(folder, slurm, more) as service:
+                try:
+                    CASES[options.case](service, slurm)
+                except BaseException:
+                    print(service.told(), slurm.jobs(), sep="\n")
+                    raise
+                finally:
+                    # No worker of the test outlives it.
+                    subprocess.run(["scancel", "--me"], timeout=PATIENCE, check=False)
+                    service.kill()
+                    slurm.wait_until(lambda: not names_of_live(slurm), "Slurm's queue to be empty")
+    return 0
+
+
+sys.exit(main())
