@@ -197,7 +197,7 @@ TEST_F(ConfigText, RefusesAFileThatIsNotThere) {
 
 TEST_F(ConfigText, RefusesAValueOutsideItsRange) {
   testing::internal::CaptureStderr();
-  EXPECT_EQ(parse({"--config", file("data = /x\nslots = 0\n")}).exit_code, 2);
+  EXPECT_EQ(parse({"--config", file("data = /x\nslots = -1\n")}).exit_code, 2);
   EXPECT_THAT(testing::internal::GetCapturedStderr(), HasSubstr("--slots"));
 }
 
