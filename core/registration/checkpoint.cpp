@@ -12,7 +12,7 @@ namespace {
 
 constexpr char kMagic[8] = {'S', 'A', 'L', 'T', 'U', 'S', 'C', 'P'};
 /// To be raised with every change of what is stored or of what is computed from it.
-constexpr std::uint32_t kVersion = 9;
+constexpr std::uint32_t kVersion = 10;
 
 struct Header {
   char magic[8];
@@ -131,6 +131,9 @@ void transfer_level(Stream& stream, Level& level) {
   stream(level.energy_after);
   stream(level.termination);
   stream(level.active_block_share);
+  stream(level.decision);
+  stream(level.first_order_gain);
+  stream(level.first_order_shear);
   stream(level.seconds);
   stream(level.cpu_seconds);
 }
@@ -140,6 +143,7 @@ template <class Stream, class State>
 void transfer(Stream& stream, State& at) {
   stream(at.step);
   transfer_level(stream, at.level);
+  stream(at.level_start);
   stream(at.optimality_reference);
   stream.list(at.sparsity_factors, [](auto& s, auto& factors) { s(factors); });
   stream.list(at.active_blocks, [](auto& s, auto& blocks) { s(blocks); });

@@ -32,7 +32,8 @@ struct Checkpointing {
 struct Checkpoint {
   int step = 0;        ///< which of the levels that are run, 0 is the coarsest
   LevelSummary level;  ///< of that level: the rounds before this one, which is number level.rounds; its time until now
-  double optimality_reference = 0;                        ///< of that level
+  std::vector<float> level_start;   ///< momenta that the level began with, until it is known whether it begins again
+  double optimality_reference = 0;  ///< of that level
   std::vector<std::vector<float>> sparsity_factors;       ///< of this round
   std::vector<std::vector<std::uint32_t>> active_blocks;  ///< that the minimiser's unknowns are of
   MinimiserState<float> minimiser;

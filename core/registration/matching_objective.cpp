@@ -440,6 +440,33 @@ Evaluation MatchingObjective<Dim, T>::evaluate(const std::vector<T>& x, std::vec
 }
 
 template <int Dim, class T>
+FirstOrderPromise MatchingObjective<Dim, T>::first_order_promise(const std::vector<T>& x) {
+  looks_everywhere_ = true;
+  std::vector<T> gradient(size_), preconditioned(size_);
+  evaluate(x, gradient, preconditioned);
+  double gain = 0, along = 0, across = 0;
+  for (std::size_t s = 0; s < scales_.size(); ++s)
+    for (int axis = 0; axis < first_[s].fields; ++axis) {
+      const std::size_t r = first_[s].range + axis;
+      const T* all = gradient_at_all_sites(s, gradient) + axis * scales_[s]->field_size();
+      for (std::size_t site = 0; site < scales_[s]->lattice().sites(); ++site) {
+        double square = 0;
+        for (int k = 0; k < Dim; ++k) square += static_cast<double>(all[Dim * site + k]) * all[Dim * site + k];
+        const double above = std::sqrt(square) - sparsity_[r].weight * (factors_[r].empty() ? 1.0 : factors_[r][site]);
+        if (!(above > 0)) continue;
+        const double normal = static_cast<double>(all[Dim * site + axis]) * all[Dim * site + axis];
+        gain += sparsity_[r].inverse_stiffness / 2 * above * above;
+        along += sparsity_[r].inverse_stiffness * (square - normal) / (Dim - 1);
+        across += sparsity_[r].inverse_stiffness * normal;
+      }
+    }
+  FirstOrderPromise promise;
+  if (parts_.similarity != 0) promise.gain = gain / std::abs(parts_.similarity);
+  if (across > 0) promise.shear = along / across;
+  return promise;
+}
+
+template <int Dim, class T>
 double MatchingObjective<Dim, T>::first_step(const std::vector<T>& direction) {
   // Half a voxel of motion somewhere: large enough to learn the curvature from, small enough to stay where it holds.
   const std::vector<MomentumPointers<T>> momenta = pointers(direction);

@@ -22,6 +22,16 @@ struct EnergyParts {
   double regularisation = 0;
 };
 
+/// What the gradient says of first-order momenta that are still 0, by the groups that pull harder than their weight.
+struct FirstOrderPromise {
+  /// Sum of (|g| - weight)^2 / (2 stiffness), as a multiple of the similarity. The similarity's own curvature is not in
+  /// it, so only its order of magnitude means something.
+  double gain = 0;
+  /// Mean square of g along an interface over that across it (m_i: component i), by component. What slides pulls along;
+  /// noise, and motion that is smooth but finer than order 0, pull in all directions alike: 1. 0 where nothing pulls.
+  double shear = 0;
+};
+
 /// Everything of one pyramid level that does not change while it is optimised.
 template <int Dim, class T>
 struct MatchingLevel {
@@ -78,6 +88,9 @@ class MatchingObjective final : public Objective<T> {
 
   /// Where the velocities are sampled.
   const Lattice<Dim>& flow_lattice() const { return flow_; }
+  /// What first orders promise from x, where they are 0, with the weights of the round. One evaluation. Not for scales
+  /// with directions.
+  FirstOrderPromise first_order_promise(const std::vector<T>& x);
   /// Parts of the last evaluation.
   const EnergyParts& parts() const { return parts_; }
 

@@ -7,11 +7,9 @@
 namespace saltus {
 namespace {
 
-const Names<Model> kModels = {{Model::Gaussian, "gaussian"},
-                              {Model::Wendland, "wendland"},
-                              {Model::Wendland1, "wendland1"},
-                              {Model::Directional, "directional"},
-                              {Model::Sliding, "sliding"}};
+const Names<Model> kModels = {{Model::Gaussian, "gaussian"},   {Model::Wendland, "wendland"},
+                              {Model::Wendland1, "wendland1"}, {Model::Directional, "directional"},
+                              {Model::Sliding, "sliding"},     {Model::Auto, "auto"}};
 const Names<SimilarityType> kSimilarities = {{SimilarityType::Ssd, "ssd"},   {SimilarityType::Ncc, "ncc"},
                                              {SimilarityType::Lncc, "lncc"}, {SimilarityType::Mi, "mi"},
                                              {SimilarityType::Ngf, "ngf"},   {SimilarityType::Mind, "mind"}};
@@ -76,6 +74,9 @@ RegistrationOptions default_options(Model model, SimilarityType similarity, Pres
     case Model::Directional:
       o.momenta.first_order_scales = 8;  // beside every order-0 scale
       break;
+    case Model::Auto:
+      o.momenta.first_order_gain = 2.6;  // core/README.md, "Only where it slides"
+      [[fallthrough]];
     case Model::Sliding:
       o.momenta.first_order_scales = 1;
       if (similarity == SimilarityType::Ssd) {
@@ -85,6 +86,9 @@ RegistrationOptions default_options(Model model, SimilarityType similarity, Pres
       }
       break;
   }
+  const bool is_sliding = model == Model::Sliding || model == Model::Auto;
+  // A Gaussian six samples wide needs every second one only (core/README.md, "Lattices").
+  if (model == Model::Gaussian || is_sliding) o.flow.coarsening = 1;
   // The energy density is a squared intensity difference for ssd and about 1 for lncc. With d of the fixed image's
   // range for standard deviation, 1 - c of ncc is about ssd / (2 d^2): ten times ssd.
   switch (similarity) {
@@ -144,15 +148,18 @@ RegistrationOptions default_options(Model model, SimilarityType similarity, Pres
       o.optimisation.tolerance = 1e-3;
       break;
   }
+  if (similarity == SimilarityType::Ssd && is_sliding) {
+    o.flow.time_steps = preset == Preset::Accurate ? 2 : 1;
+    o.flow.map_steps = preset == Preset::Balanced ? 3 : 2;
+    o.optimisation.tolerance = preset == Preset::Fast ? 5e-2 : preset == Preset::Balanced ? 2e-2 : 5e-3;
+  }
   if (similarity != SimilarityType::Ssd) {
     // One step of the momenta and a short run lose nothing on the liver images (core/README.md, "Time steps" and
     // "Stopping"); with one step of the map as well, strongly compressed places fold.
     o.flow.time_steps = preset == Preset::Accurate ? 2 : 1;
     o.flow.map_steps = preset == Preset::Fast ? 1 : 2;
     o.optimisation.tolerance = preset == Preset::Fast ? 0.25 : preset == Preset::Balanced ? 2.5e-2 : 5e-3;
-    o.momenta.first_order_waits = model == Model::Sliding;
-    // A Gaussian six samples wide is as good as constant between three of them.
-    if (model == Model::Gaussian || model == Model::Sliding) o.flow.coarsening = 1;
+    o.momenta.first_order_waits = is_sliding;
     if (preset == Preset::Fast) {  // first orders cost more than order 0: only the strongest jumps
       o.optimisation.max_iterations = 10;
       o.momenta.sparsity *= 4;

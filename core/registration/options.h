@@ -10,7 +10,7 @@
 namespace saltus {
 
 /// See the table in core/README.md for what each model is made of.
-enum class Model { Gaussian, Wendland, Wendland1, Directional, Sliding };
+enum class Model { Gaussian, Wendland, Wendland1, Directional, Sliding, Auto };
 /// How much work is spent: `Fast` < `Balanced` < `Accurate`.
 enum class Preset { Fast, Balanced, Accurate };
 
@@ -47,9 +47,11 @@ struct RegistrationOptions {
     double first_order_regularisation = 0.01;  ///< weight of 1/2 ||v_i||^2, per mm^2
     double sparsity = 0;                       ///< lambda of the group L1 on a_1 m_i (a velocity), per mm
     int sparsity_path = 1;  ///< weights lambda 2^(n-1), ..., lambda that a level is solved with, one after the other
-    int reweighted_rounds = 0;       ///< times that a level is solved again with weights made from the momenta found
-    bool debias = false;             ///< a last round without sparsity on the momenta found
-    std::vector<double> direction;   ///< of the derivative of model directional: a unit vector, world (LPS)
+    int reweighted_rounds = 0;      ///< times that a level is solved again with weights made from the momenta found
+    bool debias = false;            ///< a last round without sparsity on the momenta found
+    std::vector<double> direction;  ///< of the derivative of model directional: a unit vector, world (LPS)
+    /// Order 1 takes part only if it promises so much when order 0 has settled, see FirstOrderPromise. Gain 0: always.
+    double first_order_gain = 0, first_order_shear = 1.1;
     bool first_order_waits = false;  ///< on each level order 0 settles before first-order momenta appear
     bool shear_only = false;         ///< drop component i of m_i, so that a jump can only slide
   } momenta;

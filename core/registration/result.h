@@ -32,6 +32,13 @@ enum class Termination {
 };
 std::string to_string(Termination termination);
 
+/// Whether first orders are worth it (momenta.first_order_gain), asked on a level when order 0 had settled alone.
+enum class FirstOrderDecision {
+  None,  ///< not asked: there are none, they always take part, or they were let in on a coarser level
+  LeftOut,
+  LetIn  ///< here and on all finer levels
+};
+
 struct LevelSummary {
   int level = 0;
   std::string grid;       ///< "166x195x25"
@@ -46,6 +53,8 @@ struct LevelSummary {
   double energy_after = 0;
   Termination termination = Termination::Converged;
   double active_block_share = 0;  ///< at the end: blocks of first-order momenta that were stored, of all there are
+  FirstOrderDecision decision = FirstOrderDecision::None;
+  double first_order_gain = 0, first_order_shear = 0;  ///< what it rests on, see FirstOrderPromise
   double seconds = 0;
   double cpu_seconds = 0;
 };

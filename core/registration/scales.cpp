@@ -41,7 +41,8 @@ std::vector<PlacedScale<Dim, T>> make_scales(const Lattice<Dim>& image, const Re
                                              const Field<double>& directions) {
   const RegistrationOptions::Momenta& momenta = options.momenta;
   const double reference = *std::min_element(image.spacing.begin(), image.spacing.end());
-  const bool gaussian = options.model == Model::Gaussian || options.model == Model::Sliding;
+  const bool gaussian =
+      options.model != Model::Wendland && options.model != Model::Wendland1 && options.model != Model::Directional;
   const auto is_at = [](int q, int finest, int count) { return q >= finest && q < finest + count; };
   // Order 1 goes no coarser than order 0: what is smooth is order 0's part.
   const int coarsest = momenta.finest_scale + momenta.scales - 1;

@@ -63,6 +63,19 @@ std::vector<Choice> choices(const ReportInput<Dim>& input) {
       found.push_back({where + "weight of the similarity", number(level.similarity_weight), "",
                        "as the noise at this level allows", false});
   }
+  for (const LevelSummary& level : summary.levels) {
+    if (level.decision == FirstOrderDecision::None) continue;
+    const RegistrationOptions::Momenta& asked = input.result->options.momenta;
+    const bool is_in = level.decision == FirstOrderDecision::LetIn;
+    found.push_back({"level " + std::to_string(level.level) + ": first-order momenta", is_in ? "let in" : "left out",
+                     "",
+                     "with order 0 settled they promised to gain " + number(level.first_order_gain) +
+                         " times the similarity left (asked: " + number(asked.first_order_gain) + ") and were pulled " +
+                         number(level.first_order_shear) +
+                         " times as much along interfaces as across them (asked: " + number(asked.first_order_shear) +
+                         "): " + (is_in ? "something slides" : "nothing slides that they could show"),
+                     false});
+  }
   return found;
 }
 

@@ -66,21 +66,26 @@ Json describe(const DetectedInterface<Dim>& interface) {
 }
 
 Json describe(const LevelSummary& level) {
-  return {{"level", level.level},
-          {"grid", level.grid},
-          {"spacing_mm", level.spacing_mm},
-          {"iterations", level.iterations},
-          {"evaluations", level.evaluations},
-          {"rounds", level.rounds},
-          {"smoothing_voxels", level.smoothing_voxels},
-          {"similarity_weight", level.similarity_weight},
-          {"optimality", level.optimality},
-          {"energy_before", level.energy_before},
-          {"energy_after", level.energy_after},
-          {"termination", to_string(level.termination)},
-          {"seconds", level.seconds},
-          {"active_block_share", level.active_block_share},
-          {"cpu_seconds", level.cpu_seconds}};
+  Json json = {{"level", level.level},
+               {"grid", level.grid},
+               {"spacing_mm", level.spacing_mm},
+               {"iterations", level.iterations},
+               {"evaluations", level.evaluations},
+               {"rounds", level.rounds},
+               {"smoothing_voxels", level.smoothing_voxels},
+               {"similarity_weight", level.similarity_weight},
+               {"optimality", level.optimality},
+               {"energy_before", level.energy_before},
+               {"energy_after", level.energy_after},
+               {"termination", to_string(level.termination)},
+               {"seconds", level.seconds},
+               {"active_block_share", level.active_block_share},
+               {"cpu_seconds", level.cpu_seconds}};
+  if (level.decision != FirstOrderDecision::None)
+    json["first_order_momenta"] = {{"let_in", level.decision == FirstOrderDecision::LetIn},
+                                   {"promised_gain", level.first_order_gain},
+                                   {"promised_shear", level.first_order_shear}};
+  return json;
 }
 
 Json describe(const IterationRecord& record) {

@@ -20,6 +20,7 @@ class Numbers {
   requires std::is_arithmetic_v<T>
   void operator()(T& value) { value = static_cast<T>(++last_) + static_cast<T>(0.5); }
   void operator()(std::string& text) { text = "text " + std::to_string(++last_); }
+  void operator()(FirstOrderDecision& what) { what = FirstOrderDecision::LetIn; }
   void operator()(Termination& why) { why = Termination::IterationLimit; }
   template <class T>
   void operator()(std::vector<T>& values) {
@@ -38,9 +39,9 @@ class Numbers {
   }
   void operator()(LevelSummary& summary) {
     auto& [level, grid, spacing, iterations, evaluations, rounds, optimality, smoothing, weight, before, after, why,
-           share, seconds, cpu_seconds] = summary;
+           share, decision, gain, shear, seconds, cpu_seconds] = summary;
     fill(level, grid, spacing, iterations, evaluations, rounds, optimality, smoothing, weight, before, after, why,
-         share, seconds, cpu_seconds);
+         share, decision, gain, shear, seconds, cpu_seconds);
   }
   void operator()(MinimiserState<float>& state) {
     auto& [x, gradient, preconditioned, pairs, energies, first_optimality, evaluations, looked_at, look_gap, revised_at,
@@ -49,8 +50,9 @@ class Numbers {
          settled_at);
   }
   void operator()(Checkpoint& checkpoint) {
-    auto& [step, level, reference, factors, blocks, minimiser, levels, history, seconds, cpu_seconds] = checkpoint;
-    fill(step, level, reference, factors, blocks, minimiser, levels, history, seconds, cpu_seconds);
+    auto& [step, level, start, reference, factors, blocks, minimiser, levels, history, seconds, cpu_seconds] =
+        checkpoint;
+    fill(step, level, start, reference, factors, blocks, minimiser, levels, history, seconds, cpu_seconds);
   }
 
  private:
@@ -67,10 +69,12 @@ void expect_same(const LevelSummary& one, const LevelSummary& other, const char*
             std::tie(other.level, other.grid, other.spacing_mm, other.iterations, other.evaluations, other.rounds,
                      other.optimality, other.smoothing_voxels))
       << what;
-  EXPECT_EQ(std::tie(one.similarity_weight, one.energy_before, one.energy_after, one.termination,
-                     one.active_block_share, one.seconds, one.cpu_seconds),
-            std::tie(other.similarity_weight, other.energy_before, other.energy_after, other.termination,
-                     other.active_block_share, other.seconds, other.cpu_seconds))
+  EXPECT_EQ(
+      std::tie(one.similarity_weight, one.energy_before, one.energy_after, one.termination, one.active_block_share,
+               one.decision, one.first_order_gain, one.first_order_shear, one.seconds, one.cpu_seconds),
+      std::tie(other.similarity_weight, other.energy_before, other.energy_after, other.termination,
+               other.active_block_share, other.decision, other.first_order_gain, other.first_order_shear, other.seconds,
+               other.cpu_seconds))
       << what;
 }
 
@@ -80,6 +84,7 @@ TEST(CheckpointFields, AllSurviveBeingStored) {
   const Checkpoint read = decode(encode(stored, 7), 7);
   EXPECT_EQ(read.step, stored.step);
   expect_same(read.level, stored.level, "level");
+  EXPECT_EQ(read.level_start, stored.level_start);
   EXPECT_EQ(read.optimality_reference, stored.optimality_reference);
   EXPECT_EQ(read.sparsity_factors, stored.sparsity_factors);
   EXPECT_EQ(read.active_blocks, stored.active_blocks);

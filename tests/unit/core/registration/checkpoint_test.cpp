@@ -108,6 +108,26 @@ TEST(Checkpoint, ResumesWhereFirstOrdersHaveWaitedWithTheSameEnd) {
   resumes_anywhere<2>(plane(), options);
 }
 
+// Where first orders are asked for after order 0 alone, and let in: after it, or from where the level began.
+TEST(Checkpoint, ResumesWhereFirstOrdersWereAskedForWithTheSameEnd) {
+  for (SimilarityType similarity : {SimilarityType::Lncc, SimilarityType::Ssd})
+    for (double gain : {1e-6, 1e6}) {
+      SCOPED_TRACE(to_string(similarity) + " " + std::to_string(gain));
+      RegistrationOptions options = quick(similarity);
+      options.optimisation.max_iterations = 6;
+      options.momenta.sparsity = similarity == SimilarityType::Lncc ? 1e-3 : 1e-5;
+      options.momenta.first_order_gain = gain;
+      options.momenta.first_order_shear = 0;
+      const RegistrationResult<2> whole = register_images<2>(plane(), options);
+      // With ssd there is order 1 on the coarser level, which decides for both.
+      const LevelSummary& asked = whole.summary.levels[similarity == SimilarityType::Ssd && gain < 1 ? 0 : 1];
+      ASSERT_EQ(asked.decision, gain < 1 ? FirstOrderDecision::LetIn : FirstOrderDecision::LeftOut);
+      ASSERT_EQ(asked.rounds, gain < 1 ? 2 : 1);
+      ASSERT_EQ(whole.summary.levels.back().active_block_share > 0, gain < 1);
+      resumes_anywhere<2>(plane(), options);
+    }
+}
+
 TEST(Checkpoint, ResumesAtAnyStepWithTheSameEnd3d) {
   RegistrationInput<3> input = pair_of<3>(centred_grid<3>({14, 12, 8}, {1, 1, 1.5}, Matrix<3>::Identity()));
   input.fixed_mask = Volume<3>(input.fixed.grid, 1.0f);

@@ -1,0 +1,320 @@
+#include "core/registration/pyramid_run.h"
+
+#include "core/support/errors.h"
+
+#include <algorithm>
+
+namespace saltus {
+namespace {
+
+Termination termination_of(MinimiseTermination termination) {
+  switch (termination) {
+    case MinimiseTermination::Converged:
+      return Termination::Converged;
+    case MinimiseTermination::Settled:
+      return Termination::Settled;
+    case MinimiseTermination::IterationLimit:
+      return Termination::IterationLimit;
+    case MinimiseTermination::LineSearchFailed:
+      return Termination::LineSearchFailed;
+    case MinimiseTermination::Stopped:
+      return Termination::Stopped;
+  }
+  return Termination::Stopped;
+}
+
+/// Thrown by the evaluation hook when the caller wants the run to end, caught where the rounds are run.
+struct StopRequested {};
+
+}  // namespace
+
+template <int Dim>
+PyramidRun<Dim>::PyramidRun(const RegistrationInput<Dim>& input, const RegistrationOptions& options,
+                            const Field<double>& directions, bool is_blank, const ProgressCallback& progress,
+                            const Checkpointing& checkpointing)
+    : input_(input),
+      options_(options),
+      is_blank_(is_blank),
+      progress_(progress),
+      checkpointing_(checkpointing),
+      pyramid_(input, options),
+      scales_(make_scales<Dim, Scalar>(pyramid_.fixed_lattice(), options, directions)) {
+  summary_.noise = pyramid_.noise();
+  // Levels on which no scale takes part yet would have nothing to optimise.
+  const int finest = options.pyramid.finest_level;
+  for (int level = options.pyramid.levels - 1; level >= finest; --level)
+    if (level == finest || std::any_of(scales_.begin(), scales_.end(), [&](const auto& s) { return s.level >= level; }))
+      levels_.push_back(level);
+  if (is_blank_) levels_ = {finest};
+
+  for (int level : levels_) {
+    const bool has_first = std::any_of(scales_.begin(), scales_.end(), [&](const auto& placed) {
+      return placed.level >= level && placed.scale->has_first_order();
+    });
+    meter_.plan_step(static_cast<double>(level_lattice(pyramid_.fixed_lattice(), level).sites()) *
+                     static_cast<double>(sparsity_rounds(options.momenta, has_first).size()) *
+                     (options.optimisation.max_iterations + 2));
+  }
+
+  if (checkpointing.offer || !checkpointing.resume.empty()) job_ = job_fingerprint(input, options);
+  if (checkpointing.resume.empty()) return;
+  reached_ = decode(checkpointing.resume, job_);
+  if (reached_.step < 0 || reached_.step >= static_cast<int>(levels_.size()) || !reached_.minimiser.has_begun() ||
+      reached_.history.empty() || reached_.level.rounds < 1)
+    throw InvalidInput("the checkpoint is damaged, it is of no step of this registration; start again without it");
+  is_resumed_ = true;
+  summary_.levels = reached_.levels;
+  summary_.history = reached_.history;
+  if (reached_.step > 0) meter_.end(static_cast<std::size_t>(reached_.step) - 1);
+  seconds_before_ = reached_.seconds;
+  cpu_seconds_before_ = reached_.cpu_seconds;
+}
+
+template <int Dim>
+void PyramidRun<Dim>::run() {
+  bool is_stopped = false;
+  for (std::size_t step = static_cast<std::size_t>(reached_.step); step < levels_.size() && !is_stopped; ++step) {
+    begin_level(step);
+    run_rounds();
+    end_level();
+    is_stopped = summary_.termination == Termination::Stopped;
+  }
+}
+
+template <int Dim>
+void PyramidRun<Dim>::count_time() {
+  summary_.seconds = seconds_before_ + whole_.seconds();
+  summary_.cpu_seconds = cpu_seconds_before_ + whole_.cpu_seconds();
+}
+
+template <int Dim>
+void PyramidRun<Dim>::begin_level(std::size_t step) {
+  step_ = step;
+  watch_ = std::make_unique<Stopwatch>();
+  const int level = levels_[step];
+  objective_.reset();
+  images_ = pyramid_.level(level);
+  const double voxel = *std::min_element(images_.lattice.spacing.begin(), images_.lattice.spacing.end());
+
+  level_ = {};
+  level_.level = static_cast<int>(step) + 1;
+  level_.grid = size_text<Dim>(images_.lattice.size);
+  level_.spacing_mm = voxel;
+  level_.smoothing_voxels = pyramid_.smoothing_voxels(level);
+  level_.similarity_weight = pyramid_.similarity_weight(level);
+  if (is_resumed_) level_ = reached_.level;
+  level_seconds_before_ = level_.seconds;
+  level_cpu_seconds_before_ = level_.cpu_seconds;
+
+  has_first_ = std::any_of(scales_.begin(), scales_.end(), [&](const auto& placed) {
+    return placed.level >= level && placed.scale->has_first_order();
+  });
+  decides_ = has_first_ && options_.momenta.first_order_gain > 0 &&
+             std::none_of(summary_.levels.begin(), summary_.levels.end(),
+                          [&](const LevelSummary& before) { return before.decision == FirstOrderDecision::LetIn; });
+  rounds_ = sparsity_rounds(options_.momenta, has_first_);
+  if (decides_ && !options_.momenta.first_order_waits)
+    rounds_.insert(rounds_.begin(), {SparsityRound::Weights::Even, 1, false});
+
+  now_ = {};
+  now_.level = level_.level;
+  now_.levels = static_cast<int>(levels_.size());
+  now_.max_iterations = options_.optimisation.max_iterations * static_cast<int>(rounds_.size());
+  how_ = {};
+  how_.max_iterations = is_blank_ ? 0 : options_.optimisation.max_iterations;
+  how_.tolerance = options_.optimisation.tolerance;
+  how_.history = options_.optimisation.history;
+  how_.optimality_tolerance = options_.optimisation.optimality_tolerance;
+
+  std::vector<Scalar>& momenta = reached_.minimiser.x;
+  make_objective(rounds_[is_resumed_ ? level_.rounds - 1 : 0]);
+  if (is_resumed_) {
+    if (momenta.size() != objective_->size())
+      throw InvalidInput("the checkpoint is damaged, it holds " + std::to_string(momenta.size()) + " momenta where " +
+                         std::to_string(objective_->size()) + " are needed; start again without it");
+    how_.optimality_reference = reached_.optimality_reference;
+    now_.iteration = level_.iterations + reached_.minimiser.iterations();
+    now_.energy = reached_.minimiser.energies.back();
+    now_.similarity = summary_.history.back().similarity;
+    return;
+  }
+  momenta.resize(objective_->size(), Scalar(0));  // finer scales come last and start at 0
+  reached_.level_start.clear();
+  if (decides_ && !options_.momenta.first_order_waits) reached_.level_start = momenta;
+}
+
+/// Whether there is no first-order momentum and none may appear.
+template <int Dim>
+bool PyramidRun<Dim>::is_smooth(const SparsityRound& round) const {
+  return !has_first_ ||
+         (!round.lets_blocks_join && std::all_of(reached_.active_blocks.begin(), reached_.active_blocks.end(),
+                                                 [](const auto& blocks) { return blocks.empty(); }));
+}
+
+/// The objective of a round, made anew only where the flow has to move to another lattice. What is in x stays where it
+/// is: scales that are all order 1 have no momenta while they are left out.
+template <int Dim>
+void PyramidRun<Dim>::make_objective(const SparsityRound& round) {
+  const int level = levels_[step_];
+  const bool smooth = is_smooth(round);
+  const Lattice<Dim> flow = level_lattice(pyramid_.fixed_lattice(), smooth ? level + options_.flow.coarsening : level);
+  std::vector<MomentumScale<Dim, Scalar>*> scales;
+  for (const auto& placed : scales_)
+    if (placed.level >= level && !(smooth && !has_zeroth(placed.scale->options().orders)))
+      scales.push_back(placed.scale.get());
+  if (objective_ && objective_->flow_lattice() == flow && scales == active_) return;
+  objective_.reset();
+  active_ = scales;
+  objective_ = std::make_unique<MatchingObjective<Dim, Scalar>>(
+      active_, images_,
+      make_similarity<Dim, Scalar>(options_.similarity, images_.lattice, options_.similarity_parameters,
+                                   level_.spacing_mm),
+      options_.momenta.sparsity, flow);
+  if (options_.momenta.shear_only) objective_->keep_shear_only();
+  objective_->set_active_blocks(reached_.active_blocks);  // finer scales begin with none
+  objective_->on_work([this](double share) { count_work(share); });
+}
+
+template <int Dim>
+void PyramidRun<Dim>::run_rounds() {
+  try {
+    for (std::size_t round = is_resumed_ ? level_.rounds - 1 : 0; round < rounds_.size(); ++round) {
+      if (is_resumed_) {
+        objective_->restore_weights(rounds_[round], reached_.sparsity_factors);
+        is_resumed_ = false;
+      } else {
+        if (round == 1 && decides_ && !first_orders_are_worth_it()) break;
+        begin_round(round);
+      }
+      minimise_round(round);
+      if (level_.termination == Termination::Stopped) break;
+    }
+  } catch (const StopRequested&) {
+    level_.termination = Termination::Stopped;
+    count_round();
+  }
+}
+
+template <int Dim>
+void PyramidRun<Dim>::begin_round(std::size_t round) {
+  std::vector<Scalar>& momenta = reached_.minimiser.x;
+  level_.rounds = static_cast<int>(round) + 1;
+  reached_.active_blocks = objective_->active_blocks();
+  make_objective(rounds_[round]);
+  objective_->weigh(rounds_[round], momenta);
+  reached_.minimiser = MinimiserState<Scalar>(std::move(momenta));
+}
+
+template <int Dim>
+void PyramidRun<Dim>::minimise_round(std::size_t round) {
+  // A round in which first orders waited minimised the same energy.
+  const bool goes_on = round > 0 && !rounds_[round - 1].lets_blocks_join && options_.momenta.first_order_waits;
+  how_.decrease_before = goes_on ? level_.energy_before - level_.energy_after : 0;
+  const MinimiseSummary found = minimise<Scalar>(*objective_, how_, reached_.minimiser,
+                                                 [this](const MinimiseStep& taken) { return accept(taken); });
+  if (level_.rounds == 1) how_.optimality_reference = found.first_optimality;
+  count_round();
+  level_.optimality = found.optimality;
+  level_.termination = is_blank_ ? Termination::NothingToRegister : termination_of(found.termination);
+}
+
+/// After order 0 has settled alone: one look at what first orders would gain. Where they are, they begin as they would
+/// have without that look: after order 0, or together with it from where the level began.
+template <int Dim>
+bool PyramidRun<Dim>::first_orders_are_worth_it() {
+  std::vector<Scalar>& momenta = reached_.minimiser.x;
+  make_objective(rounds_[1]);
+  objective_->weigh(rounds_[1], momenta);
+  const FirstOrderPromise promise = objective_->first_order_promise(momenta);
+  const bool is_worth_it =
+      promise.gain >= options_.momenta.first_order_gain && promise.shear >= options_.momenta.first_order_shear;
+  if (!is_worth_it)
+    make_objective(rounds_[0]);
+  else if (!options_.momenta.first_order_waits)
+    momenta = std::move(reached_.level_start);
+  reached_.level_start.clear();
+  ++level_.evaluations;
+  level_.decision = is_worth_it ? FirstOrderDecision::LetIn : FirstOrderDecision::LeftOut;
+  level_.first_order_gain = promise.gain;
+  level_.first_order_shear = promise.shear;
+  return is_worth_it;
+}
+
+template <int Dim>
+void PyramidRun<Dim>::end_level() {
+  reached_.minimiser = MinimiserState<Scalar>(std::move(reached_.minimiser.x));  // the curvature's memory goes
+  reached_.active_blocks = objective_->active_blocks();
+  level_.active_block_share = objective_->active_block_share();
+  objective_->on_work({});
+  meter_.end(step_);
+  count_level_time(level_);
+  summary_.termination = level_.termination;
+  summary_.levels.push_back(level_);
+}
+
+template <int Dim>
+void PyramidRun<Dim>::count_round() {
+  const MinimiserState<Scalar>& state = reached_.minimiser;
+  level_.iterations += state.iterations();
+  level_.evaluations += state.evaluations;
+  if (!state.has_begun()) return;
+  if (level_.rounds == 1) level_.energy_before = state.energies.front();
+  level_.energy_after = state.energies.back();
+}
+
+template <int Dim>
+bool PyramidRun<Dim>::report() {
+  now_.fraction = meter_.fraction();
+  now_.seconds_left =
+      now_.fraction > 0.01 ? (seconds_before_ + whole_.seconds()) * (1 - now_.fraction) / now_.fraction : -1;
+  return !progress_ || progress_(now_) == ProgressAnswer::Continue;
+}
+
+template <int Dim>
+bool PyramidRun<Dim>::accept(const MinimiseStep& taken) {
+  const EnergyParts& parts = objective_->parts();
+  summary_.history.push_back({now_.level, level_.rounds, level_.iterations + taken.iteration, taken.energy,
+                              parts.similarity, parts.regularisation, taken.sparsity, taken.step, taken.optimality});
+  now_.iteration = level_.iterations + taken.iteration;
+  now_.energy = taken.energy;
+  now_.similarity = parts.similarity;
+  if (checkpointing_.offer) {
+    now_.fraction = meter_.fraction();
+    checkpointing_.offer(now_, [this] { return make_checkpoint(); });
+  }
+  return report();
+}
+
+template <int Dim>
+void PyramidRun<Dim>::count_work(double share) {
+  if (share < counted_) counted_ = 0;
+  meter_.add(step_, (share - counted_) * static_cast<double>(images_.lattice.sites()));
+  counted_ = share;
+  if (!report()) throw StopRequested{};
+}
+
+template <int Dim>
+std::string PyramidRun<Dim>::make_checkpoint() {
+  reached_.step = static_cast<int>(step_);
+  reached_.level = level_;
+  count_level_time(reached_.level);
+  reached_.optimality_reference = how_.optimality_reference;
+  reached_.sparsity_factors = objective_->weights();
+  reached_.active_blocks = objective_->active_blocks();
+  reached_.levels = summary_.levels;
+  reached_.history = summary_.history;
+  reached_.seconds = seconds_before_ + whole_.seconds();
+  reached_.cpu_seconds = cpu_seconds_before_ + whole_.cpu_seconds();
+  return encode(reached_, job_);
+}
+
+template <int Dim>
+void PyramidRun<Dim>::count_level_time(LevelSummary& at) const {
+  at.seconds = level_seconds_before_ + watch_->seconds();
+  at.cpu_seconds = level_cpu_seconds_before_ + watch_->cpu_seconds();
+}
+
+template class PyramidRun<2>;
+template class PyramidRun<3>;
+
+}  // namespace saltus

@@ -1,0 +1,94 @@
+#pragma once
+
+#include "core/optimisation/lbfgs.h"
+#include "core/registration/checkpoint.h"
+#include "core/registration/image_pyramid.h"
+#include "core/registration/matching_objective.h"
+#include "core/registration/progress.h"
+#include "core/registration/register_images.h"
+#include "core/registration/scales.h"
+#include "core/registration/sparsity_rounds.h"
+#include "core/registration/work_meter.h"
+#include "core/support/stopwatch.h"
+
+#include <memory>
+
+namespace saltus {
+
+/// The optimisation of a registration, level by level from coarse to fine, each in its rounds; what it decides on the
+/// way, how it is interrupted, and how it goes on from a checkpoint.
+///
+/// While no first-order momentum exists and none may appear, order 0 is alone: all velocities are smooth, and momenta,
+/// flow and map live on a coarser lattice than the images (flow.coarsening). With momenta.first_order_gain each level
+/// begins so, and one look then tells whether first orders are worth it; once they were, all finer levels have them.
+template <int Dim>
+class PyramidRun {
+ public:
+  using Scalar = float;
+
+  /// `options` are resolved. All must outlive this. Throws InvalidInput for a checkpoint that is damaged or of another
+  /// job.
+  PyramidRun(const RegistrationInput<Dim>& input, const RegistrationOptions& options, const Field<double>& directions,
+             bool is_blank, const ProgressCallback& progress, const Checkpointing& checkpointing);
+
+  /// Until the finest level has ended or the callback asks to stop. Once only.
+  void run();
+
+  const ImagePyramid<Dim>& pyramid() const { return pyramid_; }
+  /// Levels, history and termination; times until now.
+  RegistrationSummary& summary() { return summary_; }
+  void count_time();
+
+  // What the last level has left behind.
+  MatchingObjective<Dim, Scalar>& objective() { return *objective_; }
+  const std::vector<Scalar>& momenta() const { return reached_.minimiser.x; }
+  const std::vector<MomentumScale<Dim, Scalar>*>& scales() const { return active_; }
+
+ private:
+  void begin_level(std::size_t step);
+  void run_rounds();
+  void end_level();
+  bool is_smooth(const SparsityRound& round) const;
+  void make_objective(const SparsityRound& round);
+  bool first_orders_are_worth_it();
+  void begin_round(std::size_t round);
+  void minimise_round(std::size_t round);
+  void count_round();
+  bool report();
+  bool accept(const MinimiseStep& taken);
+  void count_work(double share);
+  std::string make_checkpoint();
+  void count_level_time(LevelSummary& at) const;
+
+  const RegistrationInput<Dim>& input_;
+  const RegistrationOptions& options_;
+  const bool is_blank_;
+  const ProgressCallback& progress_;
+  const Checkpointing& checkpointing_;
+  const Stopwatch whole_;
+  double seconds_before_ = 0, cpu_seconds_before_ = 0;  ///< of the runs that the checkpoint comes from
+  ImagePyramid<Dim> pyramid_;
+  std::vector<PlacedScale<Dim, Scalar>> scales_;
+  std::vector<int> levels_;  ///< of the pyramid, coarsest first
+  WorkMeter meter_;
+  std::uint64_t job_ = 0;
+  Checkpoint reached_;  ///< where the run stands; what only a blob needs is filled in when one is made
+  bool is_resumed_ = false;
+  RegistrationSummary summary_;
+
+  // Of the level at hand.
+  std::size_t step_ = 0;
+  MatchingLevel<Dim, Scalar> images_;
+  std::vector<SparsityRound> rounds_;
+  bool has_first_ = false, decides_ = false;
+  std::vector<MomentumScale<Dim, Scalar>*> active_;  ///< that take part in the objective
+  std::unique_ptr<MatchingObjective<Dim, Scalar>> objective_;
+  MinimiseOptions how_;
+  LevelSummary level_;
+  Progress now_;
+  std::unique_ptr<Stopwatch> watch_;
+  double level_seconds_before_ = 0, level_cpu_seconds_before_ = 0;
+  double counted_ = 0;  ///< share of the evaluation at hand that the meter has
+};
+
+}  // namespace saltus

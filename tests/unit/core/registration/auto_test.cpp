@@ -1,0 +1,83 @@
+// Oracle: the phantoms' true motion, and model sliding on the same pair.
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include "core/evaluation/field_error.h"
+#include "core/phantom/make_phantom.h"
+#include "core/registration/register_images.h"
+
+namespace saltus {
+namespace {
+
+struct Outcome {
+  FirstOrderDecision decision = FirstOrderDecision::None;  ///< of the last level that was asked
+  bool has_first_order_momenta = false;
+  double error_mm = 0;  ///< summed over the valid voxels
+  int evaluations = 0;
+};
+
+Outcome outcome_of(const Phantom<2>& phantom, const RegistrationOptions& options) {
+  RegistrationInput<2> input;
+  input.fixed = phantom.fixed;
+  input.moving = phantom.moving;
+  const RegistrationResult<2> result = register_images<2>(input, options);
+  Outcome outcome;
+  for (const LevelSummary& level : result.summary.levels) {
+    if (level.decision != FirstOrderDecision::None) outcome.decision = level.decision;
+    outcome.evaluations += level.evaluations;
+  }
+  for (const MomentumField<2>& momentum : result.momenta)
+    if (momentum.axis >= 0) outcome.has_first_order_momenta = true;
+  for (double error : endpoint_errors<2>(result.displacement, phantom.displacement, phantom.masks.valid))
+    outcome.error_mm += error;
+  return outcome;
+}
+
+class Auto : public ::testing::TestWithParam<SimilarityType> {};
+
+TEST_P(Auto, LeavesFirstOrdersOutWhereNothingSlides) {
+  PhantomOptions scene = default_phantom_options(PhantomKind::Smooth);
+  scene.displacement_mm = 4;
+  const Phantom<2> phantom = make_phantom<2>(scene);
+  const Outcome found = outcome_of(phantom, default_options(Model::Auto, GetParam(), Preset::Balanced));
+  const Outcome full = outcome_of(phantom, default_options(Model::Sliding, GetParam(), Preset::Balanced));
+  EXPECT_EQ(found.decision, FirstOrderDecision::LeftOut);
+  EXPECT_FALSE(found.has_first_order_momenta);
+  EXPECT_LT(found.error_mm, 1.02 * full.error_mm);
+  EXPECT_LT(found.evaluations, full.evaluations);
+}
+
+TEST_P(Auto, LetsFirstOrdersInWhereSomethingSlides) {
+  for (PhantomKind kind : {PhantomKind::Slip, PhantomKind::Rectangle}) {
+    if (kind == PhantomKind::Rectangle && GetParam() != SimilarityType::Ssd) continue;  // flat: nothing to correlate
+    const Phantom<2> phantom = make_phantom<2>(default_phantom_options(kind));
+    const Outcome found = outcome_of(phantom, default_options(Model::Auto, GetParam(), Preset::Balanced));
+    const Outcome full = outcome_of(phantom, default_options(Model::Sliding, GetParam(), Preset::Balanced));
+    EXPECT_EQ(found.decision, FirstOrderDecision::LetIn);
+    EXPECT_TRUE(found.has_first_order_momenta);
+    EXPECT_LT(found.error_mm, 1.02 * full.error_mm);
+  }
+}
+
+INSTANTIATE_TEST_SUITE_P(Similarities, Auto, ::testing::Values(SimilarityType::Ssd, SimilarityType::Lncc),
+                         [](const auto& info) { return to_string(info.param); });
+
+TEST(AutoModel, IsSlidingThatAsksFirst) {
+  RegistrationOptions options = default_options(Model::Auto, SimilarityType::Lncc, Preset::Balanced);
+  options.momenta.first_order_gain = 0;
+  const Phantom<2> phantom = make_phantom<2>(default_phantom_options(PhantomKind::Smooth));
+  const Outcome asked_nothing = outcome_of(phantom, options);
+  const Outcome sliding = outcome_of(phantom, default_options(Model::Sliding, SimilarityType::Lncc, Preset::Balanced));
+  EXPECT_EQ(asked_nothing.decision, FirstOrderDecision::None);
+  EXPECT_EQ(asked_nothing.error_mm, sliding.error_mm);
+  EXPECT_EQ(asked_nothing.evaluations, sliding.evaluations);
+}
+
+TEST(AutoModel, DoesNotAskOfDirections) {
+  RegistrationOptions options = default_options(Model::Directional, SimilarityType::Ssd, Preset::Balanced);
+  options.momenta.first_order_gain = 1;
+  EXPECT_THAT(problems(options), ::testing::ElementsAre(::testing::HasSubstr("first_order_gain")));
+}
+
+}  // namespace
+}  // namespace saltus
