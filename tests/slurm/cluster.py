@@ -38,14 +38,82 @@ def free_ports(count):
     return ports
 
 
-class Cluster:
-    """Use with `with`. `nodes` of the same machine, each a slurmd of its own when there are several."""
+def why_no_hosts():
+    """What keeps several hosts from being made here; empty when nothing does."""
+    if not find("ip"):
+        return "ip not installed (Debian: iproute2)"
+    probe = f"saltus{os.getpid()}p"
+    made = subprocess.run(["ip", "netns", "add", probe], capture_output=True, text=True, check=False)
+    if made.returncode != 0:
+        return "no network namespace can be made here: " + made.stderr.strip()
+    bridge = subprocess.run(["ip", "-n", probe, "link", "add", "br0", "type", "bridge"], capture_output=True, text=True,
+                            check=False)
+    subprocess.run(["ip", "netns", "delete", probe], check=False)
+    return "" if bridge.returncode == 0 else "no bridge can be made here: " + bridge.stderr.strip()
 
-    def __init__(self, folder, cpus=2, patience=60):
+
+class Hosts:
+    """Hosts of one machine: network namespaces on one bridge, each with a name and an address of its own."""
+
+    def __init__(self, *names):
+        self.names = names
+        self.address = {name: f"10.77.0.{number}" for number, name in enumerate(names, start=1)}
+
+    def space(self, name):
+        return f"saltus{os.getpid()}{name}"
+
+    def __enter__(self):
+        try:
+            first = self.space(self.names[0])
+            for name in self.names:
+                self.ip("netns", "add", self.space(name))
+                self.ip("-n", self.space(name), "link", "set", "lo", "up")
+            self.ip("-n", first, "link", "add", "br0", "type", "bridge")
+            self.ip("-n", first, "address", "add", self.address[self.names[0]] + "/24", "dev", "br0")
+            self.ip("-n", first, "link", "set", "br0", "up")
+            for name in self.names[1:]:
+                self.ip("-n", first, "link", "add", name, "type", "veth", "peer", "name", "eth0", "netns",
+                        self.space(name))
+                self.ip("-n", first, "link", "set", name, "master", "br0", "up")
+                self.ip("-n", self.space(name), "address", "add", self.address[name] + "/24", "dev", "eth0")
+                self.ip("-n", self.space(name), "link", "set", "eth0", "up")
+        except BaseException:
+            self.__exit__()
+            raise
+        return self
+
+    def __exit__(self, *_):
+        for name in self.names:
+            subprocess.run(["ip", "netns", "delete", self.space(name)], capture_output=True, check=False)
+
+    def set_link(self, name, state):
+        """Plugs the cable of a host in, "up", or pulls it, "down"."""
+        self.ip("-n", self.space(self.names[0]), "link", "set", name, state)
+
+    def command(self, name, *words):
+        """The same command on that host."""
+        return ["ip", "netns", "exec", self.space(name), "unshare", "--uts", "sh", "-c",
+                'hostname "$0" && exec "$@"', name, *words]
+
+    @staticmethod
+    def ip(*words):
+        done = subprocess.run(["ip", *words], capture_output=True, text=True, check=False)
+        if done.returncode != 0:
+            raise RuntimeError(f"ip {' '.join(words)}: {done.stderr}")
+
+
+class Cluster:
+    """Use with `with`. Without `hosts` everything is on this one; with them the first is where the controller and the
+    commands run, and the others are nodes."""
+
+    def __init__(self, folder, cpus=2, patience=60, hosts=None):
         self.folder = str(folder)
         self.cpus = cpus
         self.patience = patience
+        self.hosts = hosts
         self.children = {}
+        self.host = hosts.names[1] if hosts else socket.gethostname().split(".")[0]
+        self.nodes = list(hosts.names[1:]) if hosts else [self.host]
 
     def path(self, *names):
         return os.path.join(self.folder, *names)
@@ -55,27 +123,34 @@ class Cluster:
             self.configure()
             self.start_munged()
             self.start("slurmctld")
-            self.start("slurmd")
-            self.wait_until(lambda: "idle" in self.run("sinfo", "-h", "-o", "%t", check=False), "the node to be idle")
+            for node in self.nodes:
+                self.start("slurmd", node)
+            self.wait_until(lambda: self.run("sinfo", "-h", "-N", "-o", "%t", check=False).split() ==
+                            ["idle"] * len(self.nodes), "the nodes to be idle")
         except BaseException:
             self.__exit__()
             raise
         return self
 
     def __exit__(self, *_):
-        for name in ("slurmd", "slurmctld", "munged"):
+        for name in list(self.children)[::-1]:
             self.stop(name)
 
     def configure(self):
         os.makedirs(self.path("state"))
-        os.makedirs(self.path("spool"))
+        for node in self.nodes:
+            os.makedirs(self.path("spool-" + node))
         controller, node = free_ports(2)
         with open(self.path("munge.key"), "wb") as key:
             key.write(os.urandom(1024))
-        host = socket.gethostname().split(".")[0]
+        controller_host = self.hosts.names[0] if self.hosts else self.host
+        address = self.hosts.address if self.hosts else {self.host: "127.0.0.1"}
+        # Nothing uses them; the newer kind would have to be there all the same.
+        with open(self.path("cgroup.conf"), "w", encoding="ascii") as conf:
+            conf.write("CgroupPlugin=cgroup/v1\n")
         with open(self.path("slurm.conf"), "w", encoding="ascii") as conf:
             conf.write(f"""ClusterName=test
-SlurmctldHost={host}(127.0.0.1)
+SlurmctldHost={controller_host}({address[controller_host]})
 SlurmctldPort={controller}
 SlurmdPort={node}
 SlurmUser=root
@@ -84,11 +159,11 @@ AuthType=auth/munge
 AuthInfo=socket={self.path("munge", "socket")}
 CredType=cred/munge
 StateSaveLocation={self.path("state")}
-SlurmdSpoolDir={self.path("spool")}
+SlurmdSpoolDir={self.path("spool-%n")}
 SlurmctldPidFile={self.path("slurmctld.pid")}
-SlurmdPidFile={self.path("slurmd.pid")}
+SlurmdPidFile={self.path("slurmd-%n.pid")}
 SlurmctldLogFile={self.path("slurmctld.log")}
-SlurmdLogFile={self.path("slurmd.log")}
+SlurmdLogFile={self.path("slurmd-%n.log")}
 ProctrackType=proctrack/linuxproc
 TaskPlugin=task/none
 JobAcctGatherType=jobacct_gather/none
@@ -106,10 +181,10 @@ MinJobAge=300
 SlurmdParameters=config_overrides
 OverTimeLimit=0
 MailProg=/bin/true
-NodeName={host} NodeAddr=127.0.0.1 CPUs={self.cpus} RealMemory=8000 State=UNKNOWN
-PartitionName=all Nodes={host} Default=YES MaxTime=INFINITE State=UP
+PartitionName=all Nodes={",".join(self.nodes)} Default=YES MaxTime=INFINITE State=UP
 """)
-        self.host = host
+            for node in self.nodes:
+                conf.write(f"NodeName={node} NodeAddr={address[node]} CPUs={self.cpus} RealMemory=8000 State=UNKNOWN\n")
         os.environ["SLURM_CONF"] = self.path("slurm.conf")
 
     def start_munged(self):
@@ -129,11 +204,16 @@ PartitionName=all Nodes={host} Default=YES MaxTime=INFINITE State=UP
             stdout=log, stderr=log, user=user.pw_uid, group=user.pw_gid, extra_groups=[])
         self.wait_until(lambda: os.path.exists(self.path("munge", "socket")), "munged")
 
-    def start(self, name):
+    def here(self, *words):
+        """A command where users are."""
+        return self.hosts.command(self.hosts.names[0], *words) if self.hosts else list(words)
+
+    def start(self, name, node=None):
         log = open(self.path(name + ".out"), "ab")
-        more = ["-N", self.host] if name == "slurmd" else ["-i"]
-        self.children[name] = subprocess.Popen([find(name), "-D", "-f", self.path("slurm.conf")] + more, stdout=log,
-                                               stderr=log)
+        words = [find(name), "-D", "-f", self.path("slurm.conf")] + (["-N", node] if node else ["-i"])
+        if self.hosts:
+            words = self.hosts.command(node or self.hosts.names[0], *words)
+        self.children[name + (node or "")] = subprocess.Popen(words, stdout=log, stderr=log)
 
     def stop(self, name, how=signal.SIGTERM):
         child = self.children.pop(name, None)
@@ -147,7 +227,7 @@ PartitionName=all Nodes={host} Default=YES MaxTime=INFINITE State=UP
             child.wait()
 
     def run(self, *command, check=True):
-        result = subprocess.run(command, capture_output=True, text=True, timeout=self.patience, check=False)
+        result = subprocess.run(self.here(*command), capture_output=True, text=True, timeout=self.patience, check=False)
         if check and result.returncode != 0:
             raise RuntimeError(f"{' '.join(command)}: {result.stderr}")
         return result.stdout
@@ -170,8 +250,8 @@ PartitionName=all Nodes={host} Default=YES MaxTime=INFINITE State=UP
 
     def logs(self):
         text = ""
-        for name in ("munged.out", "munge/log", "slurmctld.out", "slurmctld.log", "slurmd.out", "slurmd.log"):
-            if os.path.exists(self.path(name)):
+        for name in ["munged.out", "munge/log"] + sorted(os.listdir(self.folder)):
+            if name.endswith((".out", "log")) and os.path.exists(self.path(name)):
                 with open(self.path(name), errors="replace", encoding="utf-8") as log:
                     text += f"\n{name}:\n" + log.read()[-3000:]
         return text

@@ -51,9 +51,9 @@ class Service:
 
     def start(self):
         self.daemon = subprocess.Popen(
-            [os.path.join(options.programs, "saltusd"), "--data", self.path("data"), "--listen", self.address,
+            self.slurm.here(os.path.join(options.programs, "saltusd"), "--data", self.path("data"), "--listen", self.address,
              "--launcher", "slurm", "--slurm-poll-seconds", "0.5", "--retry-seconds", "0.1", "--checkpoint-seconds",
-             "0.1", "--lease-seconds", "5"] + self.more,
+             "0.1", "--lease-seconds", "5", *self.more),
             stdout=subprocess.PIPE, stderr=open(self.log, "ab"), text=True)
         line = self.daemon.stdout.readline()
         assert line.startswith("listening on"), f"{line}\n{self.told()}"
@@ -344,32 +344,102 @@ def controller_away(service, slurm):
     equal(len([name for _, name, _ in slurm.jobs() if later in name]), 1, "submissions of the job")
 
 
+def several_hosts(service, slurm):
+    """Workers on other hosts come in with mutual TLS; one whose cable is pulled loses its job to another host."""
+    first = service.submit(*LONG, "--threads", "2")
+    second = service.submit(*LONG, "--threads", "2")
+    numbers = {job: service.wait_for_work(job)["batch_id"] for job in (first, second)}
+    hosts = {job: slurm.run("squeue", "-h", "-j", number, "-o", "%N").strip() for job, number in numbers.items()}
+    equal(set(hosts.values()), set(slurm.nodes), "hosts of the two")
+    service.run("cancel", first, "--server", service.address)
+    service.wait_for_state(first, "CANCELLED")
+    slurm.hosts.set_link(hosts[second], "down")
+    lost = service.wait(second, lambda j: "last_loss" in j, "the loss to be known")
+    equal(lost["last_loss"]["reason"], "LEASE_EXPIRED")
+    found = service.wait_for_work(second, attempt=2)
+    equal(slurm.run("squeue", "-h", "-j", found["batch_id"], "-o", "%N").strip(), hosts[first], "host of the next attempt")
+    # The first worker finds out by itself that nobody wants its work.
+    slurm.wait_until(lambda: count_of_workers(second) == 1, "the worker that was cut off to end")
+    slurm.hosts.set_link(hosts[second], "up")
+    equal(service.get(second)["attempt"], 2)
+    service.run("cancel", second, "--server", service.address)
+    service.wait_for_state(second, "CANCELLED")
+
+
+def count_of_workers(job):
+    found = 0
+    for name in os.listdir("/proc"):
+        if name.isdigit():
+            try:
+                with open(f"/proc/{name}/cmdline", "rb") as words:
+                    words = words.read().split(b"\0")
+            except OSError:
+                continue
+            found += job.encode() in words and b"--guard" not in words and b"saltus-worker" in words[0]
+    return found
+
+
+def tls_options(folder, address):
+    """Makes an authority, a certificate for the daemon and one for workers; the options that name them."""
+    def path(name):
+        return os.path.join(folder, name)
+
+    def openssl(*words):
+        subprocess.run(["openssl", *words], check=True, capture_output=True)
+
+    openssl("req", "-x509", "-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:P-256", "-nodes", "-days", "2", "-subj",
+            "/CN=authority", "-keyout", path("ca.key"), "-out", path("ca.pem"))
+    for name, more in (("daemon", f"subjectAltName=IP:{address}"), ("worker", "subjectAltName=DNS:node.test")):
+        openssl("req", "-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:P-256", "-nodes", "-subj", "/CN=" + name,
+                "-keyout", path(name + ".key"), "-out", path(name + ".csr"))
+        with open(path(name + ".ext"), "w", encoding="ascii") as extension:
+            extension.write(more + "\n")
+        openssl("x509", "-req", "-in", path(name + ".csr"), "-CA", path("ca.pem"), "-CAkey", path("ca.key"),
+                "-CAcreateserial", "-days", "2", "-extfile", path(name + ".ext"), "-out", path(name + ".pem"))
+    with open(path("roles"), "w", encoding="ascii") as roles:
+        roles.write("node.test = worker\n")
+    return ["--listen", address + ":0", "--tls-cert", path("daemon.pem"), "--tls-key", path("daemon.key"),
+            "--tls-client-ca", path("ca.pem"), "--roles", path("roles"), "--slurm-tls-ca", path("ca.pem"),
+            "--slurm-tls-cert", path("worker.pem"), "--slurm-tls-key", path("worker.key")]
+
+
 CASES = {case.__name__: case for case in (
     normal_run, shared_folder, token_on_node, cancel, node_drain, killed_job, cancelled_by_others, node_failure,
-    time_limit, daemon_restart, controller_away)}
+    time_limit, daemon_restart, controller_away, several_hosts)}
+
+
+def run_case(folder, hosts=None):
+    with cluster.Cluster(os.path.join(folder, "slurm"), hosts=hosts) as slurm:
+        more = ["--slurm-shared-data", os.path.join(folder, "data")] if options.case == "shared_folder" else []
+        if hosts:
+            more = tls_options(folder, hosts.address[hosts.names[0]])
+        with Service(folder, slurm, more) as service:
+            try:
+                CASES[options.case](service, slurm)
+            except BaseException:
+                print(service.told(), slurm.jobs(), sep="\n")
+                raise
+            finally:
+                # No worker of the test outlives it.
+                slurm.run("scancel", "--me", check=False)
+                service.kill()
+                slurm.wait_until(lambda: not names_of_live(slurm), "Slurm's queue to be empty")
 
 
 def main():
-    reason = cluster.why_not()
+    needs_hosts = options.case == "several_hosts"
+    reason = cluster.why_not() or (cluster.why_no_hosts() if needs_hosts else "")
     if reason:
         print("SKIPPED: " + reason)
         return 0
     with tempfile.TemporaryDirectory(prefix="saltus-slurm-") as folder:
         os.makedirs(os.path.join(folder, "slurm"))
         os.chmod(folder, 0o755)
-        with cluster.Cluster(os.path.join(folder, "slurm")) as slurm:
-            more = ["--slurm-shared-data", os.path.join(folder, "data")] if options.case == "shared_folder" else []
-            with Service(folder, slurm, more) as service:
-                try:
-                    CASES[options.case](service, slurm)
-                except BaseException:
-                    print(service.told(), slurm.jobs(), sep="\n")
-                    raise
-                finally:
-                    # No worker of the test outlives it.
-                    subprocess.run(["scancel", "--me"], timeout=PATIENCE, check=False)
-                    service.kill()
-                    slurm.wait_until(lambda: not names_of_live(slurm), "Slurm's queue to be empty")
+        if not needs_hosts:
+            run_case(folder)
+            return 0
+        with cluster.Hosts("login", "node1", "node2") as hosts:
+            run_case(folder, hosts)
     return 0
 
 
