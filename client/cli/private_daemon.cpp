@@ -2,6 +2,7 @@
 
 #include "core/support/errors.h"
 
+#include <algorithm>
 #include <cerrno>
 #include <chrono>
 #include <csignal>
@@ -9,6 +10,7 @@
 #include <cstring>
 #include <fstream>
 #include <sstream>
+#include <thread>
 #include <vector>
 
 #include <fcntl.h>
@@ -127,8 +129,11 @@ void PrivateDaemon::start(const fs::path& program) {
   std::vector<std::string> words{program, "--listen", address_, "--data", folder_ / "data", "--exit-on-stdin-close",
                                  // It goes with this command, so it need not leave room for a day's work.
                                  "--disk-reserve", "64M",
-                                 // There is one job, which has the machine to itself however many threads it asks for.
-                                 "--threads", "1024"};
+                                 // There is one job at a time, which has the machine to itself: all cores, or however
+                                 // many threads it asks for.
+                                 "--slots", "1", "--threads-per-job",
+                                 std::to_string(std::max(1u, std::thread::hardware_concurrency())), "--threads",
+                                 "1024"};
   std::vector<char*> arguments;
   for (std::string& word : words) arguments.push_back(word.data());
   arguments.push_back(nullptr);

@@ -118,7 +118,9 @@ ParsedConfig parse_config(int argc, char** argv) {
                  "Workers at the same time; in Slurm, waiting or running; 0 runs none here, for workers of other "
                  "machines that come by themselves [cores / threads per job; in Slurm 100]")
       ->check(CLI::Range(0, 4096));
-  app.add_option("--threads-per-job", config.threads_per_job, "Threads of a job that does not say [cores]")
+  app.add_option("--threads-per-job", config.threads_per_job,
+                 "Threads of a job that does not say: more end one job sooner, and the queue later")
+      ->capture_default_str()
       ->check(CLI::Range(1, 1024));
   app.add_option("--threads", config.threads, "Threads of all workers together [cores, at least what the slots need]")
       ->check(CLI::Range(1, 65536));
@@ -197,8 +199,6 @@ ParsedConfig parse_config(int argc, char** argv) {
   read_addresses(config, listen);
   if (!metrics.empty()) read_metrics_address(config, metrics);
   const int cores = std::max(1, static_cast<int>(std::thread::hardware_concurrency()));
-  if (config.threads_per_job == 0) config.threads_per_job = cores;
-  has_default("--threads-per-job", std::to_string(config.threads_per_job));
   const bool is_local = config.launcher == LauncherKind::Local;
   if (app.get_option("--slots")->count() == 0)
     config.slots = is_local ? std::max(1, cores / config.threads_per_job) : kSlurmSlots;

@@ -26,7 +26,7 @@ struct Config {
   LauncherKind launcher = LauncherKind::Local;
   SlurmConfig slurm;
   int slots = 0;  ///< 0: none run on this machine
-  int threads_per_job = 0;
+  int threads_per_job = 1;
   int threads = 0;                 ///< of all workers together; 0: not counted
   std::int64_t memory_budget = 0;  ///< bytes, of all workers together; 0: not counted
   std::chrono::milliseconds lease{};

@@ -116,7 +116,7 @@ TEST_F(Process, RefusesWhatItCannotDoAndSaysWhy) {
   expect_refused({"--listen", "0.0.0.0:7000"}, 2, "mutual TLS");
   expect_refused({"--listen", "[::1]:0", "--listen", "127.0.0.1:0"}, 2, "one address for this machine is enough");
   expect_refused({"--worker", "/nowhere/saltus-worker"}, 2, "--worker is /nowhere/saltus-worker");
-  expect_refused({"--slots", "0"}, 2, "--slots");
+  expect_refused({"--slots", "-1"}, 2, "--slots");
   expect_refused({"--lease-seconds", "0"}, 2, "--lease-seconds");
   auto first = serve({"--listen", "127.0.0.1:0"});
   expect_refused({}, 1, "another saltusd");
