@@ -23,7 +23,7 @@ struct JobOptions {
   std::string fixed_points, moving_points;  ///< "" for none
   PointsFormat points_format;
   std::vector<std::string> allowed;  ///< suspicions that are no reason to stop, see input_check.h
-  std::string model = "sliding";
+  std::string model = "auto";
   std::string similarity = "lncc";
   std::string preset = "balanced";
   std::string affine = "none";

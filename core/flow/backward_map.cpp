@@ -53,6 +53,17 @@ void BackwardMap<Dim, T>::adjoint(const std::vector<Field<T>>& velocities, const
   }
 }
 
+template <int Dim, class T>
+Field<T> backward_map(const Lattice<Dim>& points, const Lattice<Dim>& lattice,
+                      const std::vector<Field<T>>& velocities) {
+  const int time_steps = static_cast<int>(velocities.size()) - 1;
+  Field<T> moved(Dim * points.sites());
+  for (int k = time_steps - 1; k >= 0; --k)
+    advance_heun<Dim, T>(points, k + 1 < time_steps ? moved.data() : nullptr, lattice, velocities[k + 1].data(),
+                         velocities[k].data(), -T(1) / static_cast<T>(time_steps), moved.data());
+  return moved;
+}
+
 namespace {
 
 /// v of a node at a point of the frame.
@@ -132,6 +143,7 @@ template class BackwardMap<3, double>;
 #define SALTUS_FORWARD(DIM, T)                                                                                       \
   template Vector<DIM> forward_guess<DIM, T>(const Lattice<DIM>&, const std::vector<Field<T>>&, const Vector<DIM>&); \
   template Vector<DIM> forward_point<DIM, T>(const Lattice<DIM>&, const std::vector<Field<T>>&, const Vector<DIM>&); \
+  template Field<T> backward_map<DIM, T>(const Lattice<DIM>&, const Lattice<DIM>&, const std::vector<Field<T>>&);    \
   template Field<T> forward_map<DIM, T>(const Lattice<DIM>&, const Lattice<DIM>&, const std::vector<Field<T>>&);
 SALTUS_FORWARD(2, float)
 SALTUS_FORWARD(3, float)

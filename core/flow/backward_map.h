@@ -28,6 +28,11 @@ class BackwardMap {
   ScatterPlan<Dim, T> plan_;
 };
 
+/// What BackwardMap::follow gives, where no adjoint is wanted: one field and nothing else.
+template <int Dim, class T>
+Field<T> backward_map(const Lattice<Dim>& points, const Lattice<Dim>& velocity_lattice,
+                      const std::vector<Field<T>>& velocities);
+
 /// phi_1(y) of a point in the frame, mm: the inverse of what BackwardMap::follow does to it, not another approximation
 /// of the flow. Each step of follow is undone by x <- x + (target - step(x)) from Heun's guess, which contracts by
 /// about |D v| / time_steps (at once in a pure shear), until the target is met to a thousandth of the smallest spacing

@@ -26,9 +26,7 @@ Field<float> write_fields(const RegistrationInput<Dim>& input, const Lattice<Dim
                           const std::vector<Field<float>>& velocities, RegistrationResult<Dim>& result) {
   const ImageGrid<Dim>&fixed = input.fixed.grid, &moving = input.moving.grid;
   const Lattice<Dim> fixed_lattice = lattice_of(fixed), moving_lattice = lattice_of(moving);
-  const int time_steps = static_cast<int>(velocities.size()) - 1;
-  BackwardMap<Dim, float> map(fixed_lattice, lattice, time_steps);
-  const Field<float> backward = map.follow(velocities);
+  const Field<float> backward = backward_map<Dim, float>(fixed_lattice, lattice, velocities);
 
   // Frame -> world: x + u(x) = A (x + R psi_u) + b.
   result.displacement = VectorVolume<Dim>(fixed);

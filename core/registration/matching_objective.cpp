@@ -400,10 +400,7 @@ Evaluation MatchingObjective<Dim, T>::evaluate(const std::vector<T>& x, std::vec
 
   shooting_.shoot(momenta, blocks);
   const Field<T>& map = map_.follow(shooting_.velocities());
-  if (!to_level_.is_identity()) {
-    std::fill(displacement_.begin(), displacement_.end(), T(0));
-    to_level_.add_to(map.data(), displacement_.data());
-  }
+  if (!to_level_.is_identity()) to_level_.take(map.data(), displacement_.data());
   const Field<T>& displacement = to_level_.is_identity() ? map : displacement_;
   const bool moving_weights = !level_.moving_weights.samples.empty();
   warp_level<Dim, T>(level_, displacement, warped_, weights_);

@@ -12,48 +12,66 @@ std::size_t memory_estimate(const ImageGrid<Dim>& fixed, const ImageGrid<Dim>& m
                             const RegistrationOptions& asked) {
   const Lattice<Dim> image = lattice_of(fixed);
   const RegistrationOptions options = resolved(asked, image);
+  const RegistrationOptions::Momenta& m = options.momenta;
   const double full = static_cast<double>(fixed.voxels()), full_moving = static_cast<double>(moving.voxels());
-  const double nodes = options.flow.time_steps * options.flow.map_steps + 1;
+  const double steps = options.flow.time_steps, nodes = steps * options.flow.map_steps + 1;
   constexpr double vector = Dim * sizeof(float), scalar = sizeof(float);
   const double similarity = scalar * similarity_scratch(options.similarity, Dim);
+  const auto sites_of = [&](int level) { return static_cast<double>(level_lattice(image, level).sites()); };
+  // A ScatterPlan: point, plane and order of each site, and which site it is where they are chosen.
+  const double scatter = Dim * scalar + 4 * scalar;
 
-  // What register_images holds on its finest level: see the members of MatchingObjective and of what it owns.
-  const double level = static_cast<double>(level_lattice(image, options.pyramid.finest_level).sites());
-  const double scatter = Dim * scalar + 3 * scalar;               // a ScatterPlan: point, plane and order of each site
-  double level_bytes = level * (2 * nodes * vector                // velocities and their duals
-                                + (nodes + 5) * vector + scatter  // backward map and its adjoint's work
-                                + 6 * scalar + similarity);       // images, weights, duals
-  const RegistrationOptions::Momenta& m = options.momenta;
-  double unknowns = 0;
-  // Once for each lattice: where its sites are, with their duals, Jacobians and plan. Then for each scale its momenta.
-  const auto add_lattice = [&](double sites) {
-    level_bytes += sites * ((2 * nodes + 5) * vector + scatter + 2 * Dim * vector);
+  // What one round holds: see the members of MatchingObjective and of what it owns. `smooth`: order 0 is alone.
+  const int finest = options.pyramid.finest_level, coarsening = options.flow.coarsening;
+  const double level = sites_of(finest);
+  const auto round_bytes = [&](bool smooth) {
+    double bytes = level * (8 * scalar + vector + similarity);  // images, weights, duals; dual of the displacement
+    const double flow = sites_of(smooth ? finest + coarsening : finest);
+    if (smooth && coarsening > 0) bytes += level * 1.75 * vector + flow * vector;  // displacement, and on the way there
+    bytes += flow * (2 * nodes * vector                                            // velocities and their duals
+                     + (nodes + 4) * vector + scatter);                            // map and its adjoint's work
+    double unknowns = 0;
+    // Once for each lattice: where its sites are, with their duals and plan. Then for each scale its momenta.
+    const auto add_lattice = [&](double sites) {
+      bytes += sites * ((2 * steps + 5) * vector + scatter);
+      if (options.flow.evolution != Evolution::Carried) bytes += sites * 2 * Dim * vector;  // Jacobians
+    };
+    const auto is_first_at = [&](int q) {
+      return !smooth && q >= m.first_order_finest_scale && q < m.first_order_finest_scale + m.first_order_scales &&
+             q <= std::max(m.finest_scale + m.scales - 1, m.first_order_finest_scale);
+    };
+    const bool shares = options.model == Model::Wendland1 || options.model == Model::Directional;
+    for (int q = m.finest_scale; q < m.finest_scale + m.scales; ++q) {
+      const double sites = sites_of(shares && is_first_at(q) ? q : q + coarsening);
+      unknowns += Dim * sites;
+      add_lattice(sites);
+      bytes += sites * 5 * vector;  // momentum, velocity, three of the passes
+    }
+    for (int q = m.first_order_finest_scale; is_first_at(q); ++q) {
+      const double sites = sites_of(q);
+      unknowns += Dim * Dim * sites;
+      if (coarsening > 0 || q < m.finest_scale || q >= m.finest_scale + m.scales) add_lattice(sites);
+      bytes += sites * (5 * vector + Dim * vector);
+      // With sparsity only active blocks are unknowns, beside momenta and gradients at all sites. How many there will
+      // be is not known: nearly all, at worst.
+      if (m.sparsity > 0) bytes += sites * 2 * Dim * vector;
+      if (options.model == Model::Directional) bytes += sites * 2 * Dim * vector;
+    }
+    // L-BFGS: three vectors a pair, ten of its own. A checkpoint, where one is asked for, holds most of that once more.
+    bytes += unknowns * scalar * (3 * options.optimisation.history + 11);
+    bytes += unknowns * scalar * (3 * options.optimisation.history + 3);
+    return bytes;
   };
-  for (int q = m.finest_scale; q < m.finest_scale + m.scales; ++q) {
-    const double sites = static_cast<double>(level_lattice(image, q).sites());
-    unknowns += Dim * sites;
-    add_lattice(sites);
-    level_bytes += sites * 6 * vector;
-  }
-  for (int q = m.first_order_finest_scale; q < m.first_order_finest_scale + m.first_order_scales; ++q) {
-    if (q > std::max(m.finest_scale + m.scales - 1, m.first_order_finest_scale)) break;
-    const double sites = static_cast<double>(level_lattice(image, q).sites());
-    unknowns += Dim * Dim * sites;
-    if (q < m.finest_scale || q >= m.finest_scale + m.scales) add_lattice(sites);
-    level_bytes += sites * (6 * vector + 5 * Dim * vector + (2 + Dim) * (1 + Dim) * vector);
-    // With sparsity only active blocks are unknowns, beside momenta and gradients at all sites. How many there will be
-    // is not known: nearly all, at worst.
-    if (m.sparsity > 0) level_bytes += sites * 2 * Dim * vector;
-  }
-  // L-BFGS: three vectors a pair, ten of its own. A checkpoint, where one is asked for, holds most of that once more.
-  level_bytes += unknowns * scalar * (3 * options.optimisation.history + 11);
-  level_bytes += unknowns * scalar * (3 * options.optimisation.history + 3);
+  const bool has_first = m.first_order_scales > 0;
+  const double level_bytes = std::max(round_bytes(true), has_first ? round_bytes(false) : 0.0);
 
-  // At the end: fields, warped image, Jacobian, the following of both maps, and the similarity at full resolution.
-  const double end_bytes = full * ((nodes + 4) * vector + 10 * scalar + similarity) + full_moving * (vector + 8);
+  // At the end: map, displacement and the frame at rest, Jacobian and warped image, both images again with what warps
+  // them, and the similarity at full resolution; the inverse; velocities.
+  const double flow = sites_of(has_first ? finest : finest + coarsening);
+  const double end_bytes =
+      full * (3 * vector + 8 * scalar + similarity) + full_moving * (vector + 8 + 2 * scalar) + flow * nodes * vector;
   const double input_bytes = 3 * scalar * (full + full_moving);
-  return static_cast<std::size_t>(input_bytes + std::max(level_bytes, end_bytes + level * 2 * nodes * vector)) +
-         (64u << 20);
+  return static_cast<std::size_t>(input_bytes + std::max(level_bytes, end_bytes)) + (64u << 20);
 }
 
 template std::size_t memory_estimate(const ImageGrid<2>&, const ImageGrid<2>&, const RegistrationOptions&);

@@ -23,7 +23,7 @@ struct KernelWidth {
 /// Everything that can be chosen about a registration. Defaults depend on model, similarity and preset and are
 /// made in one place, default_options. All expert parameters have a name for set_parameter.
 struct RegistrationOptions {
-  Model model = Model::Sliding;
+  Model model = Model::Auto;
   SimilarityType similarity = SimilarityType::Lncc;
   Preset preset = Preset::Balanced;
 

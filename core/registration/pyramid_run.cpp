@@ -88,6 +88,14 @@ void PyramidRun<Dim>::count_time() {
 }
 
 template <int Dim>
+void PyramidRun<Dim>::release() {
+  objective_.reset();
+  for (std::vector<Scalar>* samples :
+       {&images_.fixed, &images_.fixed_weights, &images_.moving.samples, &images_.moving_weights.samples})
+    std::vector<Scalar>().swap(*samples);
+}
+
+template <int Dim>
 void PyramidRun<Dim>::begin_level(std::size_t step) {
   step_ = step;
   watch_ = std::make_unique<Stopwatch>();

@@ -43,6 +43,8 @@ class PyramidRun {
   MatchingObjective<Dim, Scalar>& objective() { return *objective_; }
   const std::vector<Scalar>& momenta() const { return reached_.minimiser.x; }
   const std::vector<MomentumScale<Dim, Scalar>*>& scales() const { return active_; }
+  /// Gives up images and objective of the last level, which are not needed for what comes after.
+  void release();
 
  private:
   void begin_level(std::size_t step);

@@ -34,6 +34,14 @@ class ThreadCount {
 };
 #endif
 
+/// Largest |H(t) - H(0)| / H(0).
+double drift_of(const std::vector<double>& energies) {
+  double drift = 0;
+  for (double energy : energies)
+    if (energies[0] > 0) drift = std::max(drift, std::abs(energy - energies[0]) / energies[0]);
+  return drift;
+}
+
 }  // namespace
 
 template <int Dim>
@@ -59,20 +67,14 @@ RegistrationResult<Dim> register_images(const RegistrationInput<Dim>& input, con
   summary.notices = notices;
   MatchingObjective<Dim, float>& objective = run.objective();
   const std::vector<float>& momenta = run.momenta();
-  const std::vector<Field<float>>& velocities = objective.velocities(momenta);
-  const Field<float> backward = write_fields(input, objective.flow_lattice(), velocities, result);
+  const std::vector<Field<float>> velocities = objective.velocities(momenta);
+  const Lattice<Dim> flow = objective.flow_lattice();
   collect_momenta(run.scales(), objective.pointers(momenta), input.fixed.grid, result);
+  result.moved_points = move_points(input, flow, velocities, run.scales(), objective.pointers(momenta));
+  summary.hamiltonian_drift = run.scales().size() == 1 ? drift_of(objective.hamiltonians(momenta)) : -1;
+  run.release();
+  const Field<float> backward = write_fields(input, flow, velocities, result);
   summarise_similarity(run.pyramid().full_resolution(), options, backward, result);
-  if (run.scales().size() == 1) {
-    const std::vector<double> energies = objective.hamiltonians(momenta);
-    for (double energy : energies)
-      if (energies[0] > 0)
-        summary.hamiltonian_drift = std::max(summary.hamiltonian_drift, std::abs(energy - energies[0]) / energies[0]);
-  } else {
-    summary.hamiltonian_drift = -1;
-  }
-  result.moved_points =
-      move_points(input, objective.flow_lattice(), velocities, run.scales(), objective.pointers(momenta));
   run.count_time();
   summary.seconds = run.summary().seconds;
   summary.cpu_seconds = run.summary().cpu_seconds;

@@ -8,6 +8,7 @@
 #include <iostream>
 #include <nlohmann/json.hpp>
 
+#include "core/registration/options.h"
 #include "tests/benchmark/block_costs.h"
 #include "tests/benchmark/hard_cases.h"
 #include "tests/benchmark/kernel_costs.h"
@@ -95,12 +96,14 @@ int main(int argument_count, char** arguments) {
     exit_code = finish(kernel_columns(), kernel_rows(is_quick, std::cerr), json_file);
   });
   std::vector<int> sizes{64, 96, 128, 192, 256, 384};
+  std::string scale_model = to_string(saltus::RegistrationOptions{}.model);
   std::filesystem::path out;
   CLI::App* scale = add("scale", "Time and memory against the size of the images, 64^3 to 384^3, each in its process");
   scale->add_option("--sizes", sizes, "Voxels an axis")->delimiter(',');
+  scale->add_option("--model", scale_model, "Which model")->capture_default_str();
   scale->add_option("--out", out, "Folder of scale.svg and of what the runs say")->required();
   scale->callback([&] {
-    const auto rows = scale_rows("/proc/self/exe", sizes, out, std::cerr);
+    const auto rows = scale_rows("/proc/self/exe", sizes, scale_model, out, std::cerr);
     if (std::any_of(rows.begin(), rows.end(), [](const Row& row) { return row.find("voxels") != nullptr; }))
       std::ofstream(out / "scale.svg") << to_svg(plot_of_scale(rows));
     exit_code = finish(scale_columns(), rows, json_file);
@@ -108,7 +111,8 @@ int main(int argument_count, char** arguments) {
   int child_size = 0;
   CLI::App* child = app.add_subcommand("scale-child", "One run of scale")->group("");
   child->add_option("size", child_size)->required()->check(CLI::Range(16, 1024));
-  child->callback([&] { run_scale_child(child_size, std::cout); });
+  child->add_option("model", scale_model)->required();
+  child->callback([&] { run_scale_child(child_size, scale_model, std::cout); });
   add_peers(app, exit_code);
   CLI11_PARSE(app, argument_count, arguments);
   return exit_code;

@@ -21,8 +21,8 @@ namespace {
 /// Iterations of a level: enough for what they cost to show above all else, few enough for the largest images.
 constexpr int kIterations = 8;
 
-RegistrationOptions options() {
-  RegistrationOptions options = default_options(Model::Sliding, SimilarityType::Lncc, Preset::Balanced);
+RegistrationOptions options_of(const std::string& model) {
+  RegistrationOptions options = default_options(parse_model(model), SimilarityType::Lncc, Preset::Balanced);
   options.threads = 1;
   options.optimisation.max_iterations = kIterations;
   options.optimisation.tolerance = options.optimisation.optimality_tolerance = 0;  // the same work at every size
@@ -48,7 +48,8 @@ std::string gibibytes(double bytes) {
 
 }  // namespace
 
-void run_scale_child(int size, std::ostream& out) {
+void run_scale_child(int size, const std::string& model, std::ostream& out) {
+  const RegistrationOptions options = options_of(model);
   PhantomOptions scene = default_phantom_options(PhantomKind::Thorax);
   for (std::size_t axis = 0; axis < 3; ++axis) {
     scene.spacing[axis] *= static_cast<double>(scene.size[axis]) / size;
@@ -61,14 +62,14 @@ void run_scale_child(int size, std::ostream& out) {
     input.moving = std::move(phantom.moving);
   }
   const Stopwatch watch;
-  const RegistrationResult<3> result = register_images<3>(input, options());
+  const RegistrationResult<3> result = register_images<3>(input, options);
   const double mib = 1024.0 * 1024.0;
   out << watch.cpu_seconds() << ' ' << result.summary.history.size() << ' '
-      << static_cast<double>(memory_estimate<3>(input.fixed.grid, input.moving.grid, options())) / mib << std::endl;
+      << static_cast<double>(memory_estimate<3>(input.fixed.grid, input.moving.grid, options)) / mib << std::endl;
 }
 
 std::vector<Row> scale_rows(const std::filesystem::path& program, const std::vector<int>& sizes,
-                            const std::filesystem::path& folder, std::ostream& progress) {
+                            const std::string& model, const std::filesystem::path& folder, std::ostream& progress) {
   std::filesystem::create_directories(folder);
   std::vector<Row> rows;
   double bytes_a_voxel = 0;
@@ -83,7 +84,7 @@ std::vector<Row> scale_rows(const std::filesystem::path& program, const std::vec
       continue;
     }
     const std::filesystem::path log = folder / ("scale_" + std::to_string(size) + ".txt");
-    const ProcessCost cost = run_measured({program, "scale-child", std::to_string(size)},
+    const ProcessCost cost = run_measured({program, "scale-child", std::to_string(size), model},
                                           {{"OMP_WAIT_POLICY", "passive"}, {"OMP_NUM_THREADS", "1"}}, log);
     Row row;
     row.name = std::to_string(size) + "^3";

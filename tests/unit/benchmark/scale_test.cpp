@@ -18,7 +18,7 @@ class ScaleRows : public ::testing::Test {
     const auto program = folder_.write("program", "#!/bin/sh\n" + script);
     std::filesystem::permissions(program, std::filesystem::perms::owner_all);
     std::ostringstream progress;
-    return scale_rows(program, sizes, folder_ / "out", progress);
+    return scale_rows(program, sizes, "auto", folder_ / "out", progress);
   }
 };
 
