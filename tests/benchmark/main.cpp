@@ -15,6 +15,7 @@
 #include "tests/benchmark/peers/peers.h"
 #include "tests/benchmark/scale.h"
 #include "tests/benchmark/slip_table.h"
+#include "tests/benchmark/throughput.h"
 
 namespace {
 
@@ -113,6 +114,28 @@ int main(int argument_count, char** arguments) {
   child->add_option("size", child_size)->required()->check(CLI::Range(16, 1024));
   child->add_option("model", scale_model)->required();
   child->callback([&] { run_scale_child(child_size, scale_model, std::cout); });
+  ThroughputOptions throughput;
+  throughput.programs = std::filesystem::read_symlink("/proc/self/exe").parent_path();
+  CLI::App* pairs = add("throughput", "Many pairs on this machine, divided into jobs and threads in every way");
+  pairs->add_option("--out", throughput.out, "Folder of images and results")->required();
+  pairs->add_option("--pairs", throughput.pairs, "How many")->check(CLI::Range(1, 1000))->capture_default_str();
+  pairs->add_option("--size", throughput.size, "Voxels across the thorax")
+      ->check(CLI::Range(32, 512))
+      ->capture_default_str();
+  pairs->add_option("--settings", throughput.settings, "JOBSxTHREADS, as 2x1,1x2 [all that fill the cores]")
+      ->delimiter(',');
+  pairs->callback([&] {
+    if (is_quick) {
+      throughput.pairs = 2;
+      throughput.size = 32;
+    }
+    try {
+      exit_code = finish(throughput_columns(), throughput_rows(throughput, std::cerr), json_file);
+    } catch (const std::exception& error) {
+      std::cerr << error.what() << '\n';
+      exit_code = 2;
+    }
+  });
   add_peers(app, exit_code);
   CLI11_PARSE(app, argument_count, arguments);
   return exit_code;
