@@ -158,10 +158,10 @@ RegistrationOptions default_options(Model model, SimilarityType similarity, Pres
     // "Stopping"); with one step of the map as well, strongly compressed places fold.
     o.flow.time_steps = preset == Preset::Accurate ? 2 : 1;
     o.flow.map_steps = preset == Preset::Fast ? 1 : 2;
-    o.optimisation.tolerance = preset == Preset::Fast ? 0.25 : preset == Preset::Balanced ? 2.5e-2 : 5e-3;
+    o.optimisation.tolerance = preset == Preset::Fast ? 5e-2 : preset == Preset::Balanced ? 2.5e-2 : 5e-3;
     o.momenta.first_order_waits = is_sliding;
     if (preset == Preset::Fast) {  // first orders cost more than order 0: only the strongest jumps
-      o.optimisation.max_iterations = 10;
+      o.optimisation.max_iterations = 30;
       o.momenta.sparsity *= 4;
     }
   }
