@@ -167,6 +167,7 @@ void Daemon::run() {
     has_work_ = false;
     lock.unlock();
     jobs_->tick();
+    if (slurm_) slurm_->want_pilots(jobs_->is_paused() ? 0 : jobs_->queued_jobs());
     if (roles_) roles_->reload_if_changed();
     if (const auto now = clock_->steady(); now >= next_ping) {
       next_ping = now + ping_interval_;

@@ -70,6 +70,16 @@ void use_slurm(const Config& config, DaemonSettings& settings) {
   settings.jobs.linger = std::max<std::chrono::milliseconds>(settings.jobs.linger, 3 * slurm.poll);
   // A request to end goes through Slurm, which gives a worker some seconds more by itself.
   settings.jobs.cancel_ladder = {std::chrono::milliseconds(2000), std::chrono::milliseconds(15000)};
+  if (config.slurm.pilots > 0) {
+    slurm.pilots.most = config.slurm.pilots;
+    slurm.pilots.threads = config.threads_per_job;
+    slurm.pilots.memory_bytes = static_cast<std::int64_t>(config.slurm.pilot_memory_gib * (1 << 30));
+    slurm.pilots.idle_seconds = config.slurm.pilot_idle_seconds;
+    // All jobs are taken by pilots, so none may need more than one has.
+    settings.jobs.slots = 0;
+    settings.jobs.thread_budget = slurm.pilots.threads;
+    settings.jobs.memory_budget = slurm.pilots.memory_bytes;
+  }
   settings.slurm = std::move(slurm);
 }
 

@@ -35,15 +35,28 @@ void add_slurm_options(CLI::App& app, LauncherKind& launcher, SlurmConfig& confi
       ->type_name("FILE");
   app.add_option("--slurm-tls-key", config.key, "The private key of --slurm-tls-cert, PEM")->type_name("FILE");
   app.add_option("--slurm-worker", config.worker, "saltus-worker, as the nodes name it [--worker]")->type_name("PATH");
-  app.add_option("--slurm-option", config.options,
-                 "More for sbatch, as --slurm-option=--partition=long; may be repeated, and goes before what the daemon "
-                 "says")
+  app.add_option(
+         "--slurm-option", config.options,
+         "More for sbatch, as --slurm-option=--partition=long; may be repeated, and goes before what the daemon "
+         "says")
       ->type_name("OPTION")
       ->take_all();
   app.add_option("--slurm-shared-data", config.shared_data,
                  "The folder of --data, as the nodes name it when they see it: tokens and the workers' logs are then "
                  "there, and inputs are read there [none: all of it goes over the connection]")
       ->type_name("DIR");
+  app.add_option("--slurm-pilots", config.pilots,
+                 "For many short jobs: submit arrays of workers that do one job after the other, at most so many, with "
+                 "--threads-per-job threads each, instead of a job of Slurm for each attempt; 0 does not")
+      ->check(CLI::Range(0, 4096))
+      ->capture_default_str();
+  app.add_option("--slurm-pilot-memory", config.pilot_memory_gib,
+                 "Memory of each of them, GiB; a job that needs more is refused")
+      ->check(CLI::Range(0.001, 1048576.0))
+      ->capture_default_str();
+  app.add_option("--slurm-pilot-idle-seconds", config.pilot_idle_seconds, "One ends after so long without a job")
+      ->check(CLI::Range(1, 86400))
+      ->capture_default_str();
   app.add_option("--slurm-poll-seconds", config.poll_seconds, "Between two looks at Slurm's queue")
       ->check(CLI::Range(0.1, 3600.0))
       ->capture_default_str();
@@ -63,7 +76,8 @@ void require_usable(const SlurmConfig& config, const std::vector<ListenAddress>&
   const bool needs_tls = !server.empty() && (!is_this_machine(server) || config.server.empty());
   if (has_any != has_all || (needs_tls && !has_all))
     throw InvalidInput(
-        "workers in Slurm need --slurm-tls-ca, --slurm-tls-cert and --slurm-tls-key for a port with mutual TLS; give all "
+        "workers in Slurm need --slurm-tls-ca, --slurm-tls-cert and --slurm-tls-key for a port with mutual TLS; give "
+        "all "
         "three");
 }
 

@@ -107,6 +107,7 @@ void JobManager::committed(const JobRecord& job) {
       if (has_run && job.state == JobState::Succeeded) durations_.add(*job.ended - began_at(job));
       progress_.erase(job.id);
       budget_.ended(key, by_force_.contains(key));
+      remote_.erase(key);
       if (job.attempt > 0) retired_.try_emplace(key, clock_.steady() + settings_.linger);
     } else if (job.state == JobState::Cancelling) {
       leases_.cancel(job.id, clock_.steady());
@@ -264,7 +265,8 @@ JobView JobManager::view(const JobRecord& job) {
   if (!typical || view.queue_position == 0) return view;
   std::vector<WallTime> running;
   for (const auto& [key, began] : running_) running.push_back(began);
-  const WallTime start = estimate_start(view.queue_position, std::move(running), settings_.slots, *typical, now);
+  const WallTime start = estimate_start(view.queue_position, std::move(running),
+                                        settings_.slots + static_cast<int>(takers_.size()), *typical, now);
   view.estimated_start = std::max(start, job.not_before.value_or(start));
   return view;
 }
@@ -327,6 +329,7 @@ WaitingJob JobManager::waiting(const JobRecord& job) const {
   waiting.priority = job.priority;
   waiting.demand = demand_of(job.threads, job.memory_bytes);
   waiting.created = job.created;
+  waiting.attempt = job.attempt;
   // On the clock that never jumps: setting the machine's time must not hold a retry back.
   waiting.ready = clock_.steady();
   if (job.not_before)

@@ -60,6 +60,20 @@ struct LeaseGrant {
   std::chrono::milliseconds checkpoint_interval{};
 };
 
+/// What a worker that comes by itself can do at a time.
+struct Offer {
+  int threads = 1;
+  std::int64_t memory_bytes = 0;  ///< 0: any amount
+  auto operator<=>(const Offer&) const = default;
+};
+
+/// An attempt that was given to such a worker.
+struct TakenJob {
+  AttemptKey key;
+  std::string token;
+  int threads = 1;
+};
+
 /// `error` is nothing when the call succeeded; else the second argument means nothing.
 template <class T>
 using Reply = std::function<void(std::exception_ptr error, const T& value)>;
@@ -103,6 +117,15 @@ class JobManager {
   void put_checkpoint(const AttemptKey& key, const std::string& token, const Checkpoint& checkpoint,
                       Reply<JobRecord> reply);
   void complete(const AttemptKey& key, const std::string& token, const Outcome& outcome, Reply<JobRecord> reply);
+
+  /// Calls `reply` once, from any thread: with the next job that fits, or with nothing when none has come within `wait`,
+  /// the daemon stops, or the taker is withdrawn. Never blocks. Throws Exhausted TOO_MANY_STREAMS.
+  std::uint64_t take(const Offer& offer, std::chrono::milliseconds wait,
+                     std::function<void(const std::optional<TakenJob>&)> reply);
+  /// It is not there any more: what it would have got goes to another.
+  void withdraw(std::uint64_t taker);
+  /// How the process of an attempt that was taken so has ended. Never blocks. Nothing happens when the attempt is over.
+  void report_exit(const AttemptKey& key, const std::string& token, const WorkerExit& exit);
 
   void tick();
   /// From now on no job is accepted or started; workers are asked to end and their jobs are queued again. Those of a
@@ -155,7 +178,27 @@ class JobManager {
   void has_begun(const AttemptKey& key);
   /// Under the lock: it does not wait any more.
   void forget_stage(const AttemptKey& key);
+  struct Taker {
+    Offer offer;
+    SteadyTime until;
+    std::function<void(const std::optional<TakenJob>&)> reply;
+  };
+  using Takers = std::map<std::uint64_t, Taker>;  ///< by age
+  /// What is to be started next, and by whom.
+  struct Pick {
+    WaitingJob job;
+    std::optional<Takers::value_type> taker;  ///< nothing: the launcher
+    std::optional<JobQueue::Taken> taken;
+    AttemptKey key() const { return {job.id, job.attempt + 1}; }
+  };
   void dispatch();
+  /// Under the lock, as the next three. Chooses and takes out of the list.
+  std::optional<Pick> choose();
+  void start(const Pick& pick);
+  void put_back(Pick& pick);
+  Fit fit_of(const Demand& demand, const Offer& offer) const;
+  /// Those whose time is over; all of them when the daemon stops.
+  std::vector<Taker> dismissed(SteadyTime now);
   void launch(const LaunchRequest& request);
   int threads_of(const JobRecord& job) const;
   Demand demand_of(int threads, std::int64_t memory_bytes) const;
@@ -181,6 +224,10 @@ class JobManager {
   std::set<AttemptKey> by_force_;           ///< attempts that are ended although their workers are still there
   std::map<std::string, JobProgress> progress_;
   std::deque<LaunchRequest> launches_;        ///< taken from the queue, to be started by tick()
+  Takers takers_;                             ///< that wait
+  std::uint64_t last_taker_ = 0;
+  std::set<std::uint64_t> withdrawn_;         ///< while they were being given a job
+  std::set<AttemptKey> remote_;               ///< attempts that were given to takers
   std::map<AttemptKey, SteadyTime> retired_;  ///< attempts that have ended, and when their process must be gone
   bool is_dispatching_ = false;
   std::optional<SteadyTime> drain_started_;

@@ -3,13 +3,20 @@
 #include "server/jobs/refusal.h"
 
 #include <chrono>
+#include <iterator>
 #include <memory>
+#include <utility>
 
 namespace saltus::server {
 namespace {
 
 // SIGXCPU: the kernel ends a process that has used up the limit it was given.
 constexpr int kProcessorTimeSignal = 24;
+
+// Attempts that are started in one transaction: a commit costs milliseconds, a row microseconds.
+constexpr std::size_t kMostPicks = 64;
+constexpr std::size_t kMostTakers = 4096;
+constexpr std::chrono::milliseconds kTakerRetry{5000};
 
 JobFailure failure_of(Limit limit, const JobLimits& limits) {
   switch (limit) {
@@ -216,6 +223,8 @@ void JobManager::has_begun(const AttemptKey& key) {
     std::lock_guard lock(mutex_);
     running_[key] = clock_.wall();
     forget_stage(key);
+    // It has waited in no queue but ours.
+    if (remote_.contains(key)) return;
   }
   write_job(
       key.job_id, [this, key](JobTable& table) { return queue_.begin(table, key); },
@@ -232,9 +241,16 @@ void JobManager::tick() {
   const SteadyTime now = clock_.steady();
   LeaseTable::Due due;
   std::deque<LaunchRequest> launches;
+  std::vector<Taker> idle;
+  std::vector<AttemptKey> expired, never_begun;
   {
     std::lock_guard lock(mutex_);
     due = leases_.due(now);
+    idle = dismissed(now);
+    for (const AttemptKey& key : due.expired) {
+      const bool has_begun = !remote_.contains(key) || leases_.has_begun(key);
+      (has_begun ? expired : never_begun).push_back(key);
+    }
     launches.swap(launches_);
     for (auto it = retired_.begin(); it != retired_.end();) {
       if (now < it->second) {
@@ -248,7 +264,9 @@ void JobManager::tick() {
       for (const AttemptKey& key : leases_.all()) due.kill.push_back(key);
   }
   // A process that does not heed the request to end is killed after `linger`, as every one that outlives its attempt.
-  for (const AttemptKey& key : due.expired) lose(key, LossCause::LeaseExpired, "", Ending::Kill);
+  for (const AttemptKey& key : expired) lose(key, LossCause::LeaseExpired, "", Ending::Kill);
+  for (const AttemptKey& key : never_begun) lose(key, LossCause::NeverBegun, "");
+  for (const Taker& taker : idle) taker.reply(std::nullopt);
   const auto stall = std::chrono::round<std::chrono::seconds>(settings_.stall_timeout).count();
   for (const AttemptKey& key : due.stalled)
     lose(key, LossCause::Stalled, std::to_string(stall) + " s", Ending::Terminate);
@@ -290,38 +308,161 @@ void JobManager::launch(const LaunchRequest& request) {
       [](std::exception_ptr) {});
 }
 
+Fit JobManager::fit_of(const Demand& demand, const Offer& offer) const {
+  const bool has_memory = offer.memory_bytes == 0 || demand.memory_bytes <= offer.memory_bytes;
+  return has_memory && demand.threads <= offer.threads ? Fit::Yes : Fit::NotHere;
+}
+
+std::optional<JobManager::Pick> JobManager::choose() {
+  const auto next = [this](const std::function<Fit(const Demand&)>& fits) {
+    auto job = waiting_.next(clock_.wall(), clock_.steady(), fits);
+    if (!job) return job;
+    waiting_.started(job->id);
+    waiting_.remove(job->id);
+    return job;
+  };
+  if (budget_.fits({0, 0})) {
+    const auto job = next([this](const Demand& demand) { return budget_.fits(demand) ? Fit::Yes : Fit::NotNow; });
+    if (job) {
+      Pick pick{*job, {}, {}};
+      budget_.take(pick.key(), job->demand);
+      return pick;
+    }
+  }
+  // Who has waited longest first; who offers what another one has offered in vain need not be asked.
+  std::set<Offer> in_vain;
+  for (auto it = takers_.begin(); it != takers_.end(); ++it) {
+    const Offer& offer = it->second.offer;
+    if (in_vain.contains(offer)) continue;
+    const auto job = next([&](const Demand& demand) { return fit_of(demand, offer); });
+    if (!job) {
+      in_vain.insert(offer);
+      continue;
+    }
+    Pick pick{*job, *it, {}};
+    takers_.erase(it);
+    return pick;
+  }
+  return std::nullopt;
+}
+
+void JobManager::put_back(Pick& pick) {
+  if (!pick.taker) budget_.ended(pick.key(), false);
+  if (pick.taker) takers_.insert(*pick.taker);
+}
+
+void JobManager::start(const Pick& pick) {
+  const JobRecord& job = pick.taken->job;
+  const AttemptKey key = pick.key();
+  const SteadyTime now = clock_.steady();
+  running_[key] = *job.started;
+  if (pick.taker) {
+    leases_.grant_waiting(key, job.token_hash, now, job.limits);
+    leases_.expect(key, now + settings_.lease);
+    remote_.insert(key);
+    return;
+  }
+  if (launcher_.is_batch_system()) {
+    leases_.grant_waiting(key, job.token_hash, now, job.limits);
+    progress_[job.id].stage = JobStage::Waiting;
+  } else {
+    leases_.grant(key, job.token_hash, now, job.limits);
+  }
+  launches_.push_back({key, pick.taken->token, pick.job.demand.threads, job.limits, job.memory_bytes});
+}
+
 void JobManager::dispatch() {
-  std::optional<WaitingJob> next;
+  auto picks = std::make_shared<std::vector<Pick>>();
   {
     std::lock_guard lock(mutex_);
-    if (is_dispatching_ || drain_started_ || is_paused_ || queued_ == 0 || !budget_.fits({0, 0})) return;
-    next = waiting_.next(clock_.wall(), clock_.steady(), [this](const Demand& demand) { return budget_.fits(demand); });
-    if (!next) return;
+    if (is_dispatching_ || drain_started_ || is_paused_ || waiting_.size() == 0) return;
+    while (picks->size() < kMostPicks) {
+      auto pick = choose();
+      if (!pick) break;
+      picks->push_back(*std::move(pick));
+    }
+    if (picks->empty()) return;
     is_dispatching_ = true;
   }
-  auto taken = std::make_shared<std::optional<JobQueue::Taken>>();
-  store_.write([this, id = next->id, taken](JobTable& table) { *taken = queue_.start(table, id, [this](const AttemptKey& key) { return launcher_.name_of(key); }); },
-               [this, next = *next, taken](std::exception_ptr error) {
-                 {
-                   std::lock_guard lock(mutex_);
-                   is_dispatching_ = false;
-                   if (error) return;
-                   if (!*taken) return waiting_.remove(next.id);
-                   const JobRecord& job = (*taken)->job;
-                   const AttemptKey key{job.id, job.attempt};
-                   waiting_.started(job.id);
-                   if (launcher_.is_batch_system()) {
-                     leases_.grant_waiting(key, job.token_hash, clock_.steady(), job.limits);
-                     progress_[job.id].stage = JobStage::Waiting;
-                   } else {
-                     leases_.grant(key, job.token_hash, clock_.steady(), job.limits);
-                   }
-                   running_[key] = *job.started;
-                   budget_.take(key, next.demand);
-                   launches_.push_back({key, (*taken)->token, next.demand.threads, job.limits, job.memory_bytes});
-                 }
-                 committed((*taken)->job);
-               });
+  store_.write(
+      [this, picks](JobTable& table) {
+        for (Pick& pick : *picks)
+          pick.taken = queue_.start(table, pick.job.id, [&](const AttemptKey& key) {
+            return pick.taker ? std::string() : launcher_.name_of(key);
+          });
+      },
+      [this, picks](std::exception_ptr error) {
+        std::vector<AttemptKey> abandoned;
+        {
+          std::lock_guard lock(mutex_);
+          is_dispatching_ = false;
+          for (Pick& pick : *picks) {
+            const bool is_abandoned = pick.taker && withdrawn_.erase(pick.taker->first) > 0;
+            const bool has_started = !error && pick.taken;
+            if (error) waiting_.put(pick.job);
+            if (has_started) start(pick);
+            if (has_started && is_abandoned) abandoned.push_back(pick.key());
+            if (has_started) continue;
+            put_back(pick);
+            if (is_abandoned) takers_.erase(pick.taker->first);
+            pick.taken.reset();
+          }
+          queued_ = waiting_.size();
+        }
+        for (const Pick& pick : *picks)
+          if (pick.taken) committed(pick.taken->job);
+        for (const Pick& pick : *picks)
+          if (pick.taken && pick.taker)
+            pick.taker->second.reply(TakenJob{pick.key(), pick.taken->token, pick.job.demand.threads});
+        for (const AttemptKey& key : abandoned) lose(key, LossCause::NeverBegun, "");
+      });
+}
+
+std::uint64_t JobManager::take(const Offer& offer, std::chrono::milliseconds wait,
+                               std::function<void(const std::optional<TakenJob>&)> reply) {
+  std::uint64_t taker = 0;
+  {
+    std::lock_guard lock(mutex_);
+    if (takers_.size() >= kMostTakers)
+      throw Refusal(RefusalKind::Exhausted, "TOO_MANY_STREAMS",
+                    std::to_string(kMostTakers) + " workers wait for jobs, which is the limit; try again later",
+                    kTakerRetry);
+    taker = ++last_taker_;
+    takers_.emplace(taker, Taker{offer, clock_.steady() + wait, std::move(reply)});
+  }
+  wake_();
+  return taker;
+}
+
+void JobManager::withdraw(std::uint64_t taker) {
+  Takers::node_type gone;
+  {
+    std::lock_guard lock(mutex_);
+    gone = takers_.extract(taker);
+    // Then it is being given a job, or has got its answer.
+    if (gone.empty() && is_dispatching_) withdrawn_.insert(taker);
+  }
+  if (!gone.empty()) gone.mapped().reply(std::nullopt);
+}
+
+std::vector<JobManager::Taker> JobManager::dismissed(SteadyTime now) {
+  std::vector<Taker> found;
+  for (auto it = takers_.begin(); it != takers_.end();) {
+    const bool is_over = drain_started_ || now >= it->second.until;
+    if (is_over) found.push_back(std::move(it->second));
+    it = is_over ? takers_.erase(it) : std::next(it);
+  }
+  // No round of dispatching is under way that could still come upon them.
+  if (!is_dispatching_) withdrawn_.clear();
+  return found;
+}
+
+void JobManager::report_exit(const AttemptKey& key, const std::string& token, const WorkerExit& exit) {
+  {
+    std::lock_guard lock(mutex_);
+    if (!leases_.is_held_by(key, ids_.fingerprint(token))) return;
+  }
+  worker_ended(key, exit);
 }
 
 }  // namespace saltus::server

@@ -71,6 +71,8 @@ std::string describe(LossCause cause, const std::string& detail) {
       return "the daemon's disk had no room for the results";
     case LossCause::LaunchFailed:
       return "the worker could not be started: " + detail;
+    case LossCause::NeverBegun:
+      return "the worker that took the job was not heard of again";
     case LossCause::Released:
       return "the daemon was shut down";
     case LossCause::TimeLimit:
@@ -103,6 +105,8 @@ std::string reason_of(LossCause cause) {
       return "STORAGE_FULL";
     case LossCause::LaunchFailed:
       return "LAUNCH_FAILED";
+    case LossCause::NeverBegun:
+      return "NEVER_BEGUN";
     case LossCause::Released:
       return "DRAINING";
     case LossCause::TimeLimit:
@@ -252,7 +256,7 @@ std::optional<JobRecord> JobQueue::lose(JobTable& table, const AttemptKey& key, 
   if (cause == LossCause::Released) {
     apply(job, JobEvent::Release, now);
   } else {
-    const bool is_nobodys_fault = cause == LossCause::Preempted;
+    const bool is_nobodys_fault = cause == LossCause::Preempted || cause == LossCause::NeverBegun;
     if (!is_nobodys_fault) ++job.lost_attempts;
     job.last_loss = {reason_of(cause), describe(cause, detail)};
     if (cause == LossCause::Crashed) ++job.crashes;

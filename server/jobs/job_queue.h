@@ -32,6 +32,7 @@ enum class LossCause {
   Stalled,       ///< the worker's heartbeat goes on, its work does not
   NoRoom,        ///< the disk had no room for the results
   LaunchFailed,  ///< the worker could not be started
+  NeverBegun,    ///< whoever had taken the job was not heard of again before its work began; does not count
   Released,      ///< the daemon stopped the worker to shut down; does not count
   // In a batch system:
   TimeLimit,   ///< the worker was ended at the time that the batch system gives it

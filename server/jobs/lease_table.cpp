@@ -59,6 +59,16 @@ bool LeaseTable::is_waiting(const AttemptKey& key) const {
   return lease && lease->phase == Lease::Phase::Waiting;
 }
 
+bool LeaseTable::has_begun(const AttemptKey& key) const {
+  const Lease* lease = find(key);
+  return lease && lease->phase == Lease::Phase::Running;
+}
+
+bool LeaseTable::is_held_by(const AttemptKey& key, const std::string& token_hash) const {
+  const Lease* lease = find(key);
+  return lease && lease->token_hash == token_hash;
+}
+
 bool LeaseTable::is_for(const AttemptKey& key, const std::string& worker) {
   Lease* lease = find(key);
   if (!lease) return false;
@@ -114,7 +124,8 @@ LeaseTable::Due LeaseTable::due(SteadyTime now) {
       due.expired.push_back(key);
     }
     // A job that is being cancelled ends by its ladder.
-    const bool is_watched = lease.phase == Lease::Phase::Running && !lease.is_expired && !lease.cancelled && (!lease.quiet_until || now >= *lease.quiet_until);
+    const bool is_watched = lease.phase == Lease::Phase::Running && !lease.is_expired && !lease.cancelled &&
+                            (!lease.quiet_until || now >= *lease.quiet_until);
     if (is_watched) {
       if (const auto limit = exceeded(lease, now)) {
         lease.is_expired = true;

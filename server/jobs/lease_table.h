@@ -41,6 +41,10 @@ class LeaseTable {
   /// The worker is there: lease and wall time run from now. False when they ran before.
   bool begin(const AttemptKey& key, SteadyTime now);
   bool is_waiting(const AttemptKey& key) const;
+  /// Its worker has called.
+  bool has_begun(const AttemptKey& key) const;
+  /// The attempt and the token are the current ones, expired or not.
+  bool is_held_by(const AttemptKey& key, const std::string& token_hash) const;
   void end(const AttemptKey& key);
   void cancel(const std::string& job_id, SteadyTime now);
   /// Prolongs the lease. Nothing when the attempt or the token is not the current one.

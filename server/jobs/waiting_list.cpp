@@ -86,13 +86,15 @@ void WaitingList::in_order(const std::function<bool(Entry&)>& visit) {
 }
 
 std::optional<WaitingJob> WaitingList::next(WallTime now, SteadyTime steady,
-                                            const std::function<bool(const Demand&)>& fits) {
+                                            const std::function<Fit(const Demand&)>& fits) {
   promote(now);
   passed_over_.clear();
   std::optional<WaitingJob> chosen;
   in_order([&](Entry& entry) {
     if (entry.job.ready > steady) return true;
-    if (fits(entry.job.demand)) {
+    const Fit fit = fits(entry.job.demand);
+    if (fit == Fit::NotHere) return true;
+    if (fit == Fit::Yes) {
       chosen = entry.job;
       return false;
     }

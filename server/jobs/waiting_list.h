@@ -24,6 +24,14 @@ struct WaitingJob {
   Demand demand;
   WallTime created{};
   SteadyTime ready{};  ///< not to be started before: the delay of a retry
+  int attempt = 0;     ///< of the last one there was
+};
+
+/// Whether a job can be started by whoever asks.
+enum class Fit {
+  Yes,
+  NotNow,   ///< there is no room for it at the moment: it is being overtaken
+  NotHere,  ///< it is not for this one, and waits for another
 };
 
 struct FairnessRules {
@@ -52,7 +60,7 @@ class WaitingList {
   int size() const { return static_cast<int>(jobs_.size()); }
 
   /// The job to start now: the first that is ready and for which `fits` says yes. `fits` must have no side effect.
-  std::optional<WaitingJob> next(WallTime now, SteadyTime steady, const std::function<bool(const Demand&)>& fits);
+  std::optional<WaitingJob> next(WallTime now, SteadyTime steady, const std::function<Fit(const Demand&)>& fits);
   /// This submitter had a turn, after all that are known: for what was started before this list was made.
   void had_turn(const std::string& submitter, int priority);
   /// `id` has been started: its submitter had a turn, and what would have been before it has been overtaken. To be

@@ -46,18 +46,14 @@ std::string shell_quoted(const std::string& text) {
 
 Command submission(const BatchSettings& settings, const BatchRequest& request) {
   Command command;
-  command.arguments = {"sbatch",
-                       "--parsable",
+  command.arguments = {"sbatch", "--parsable",
                        // Another attempt with a token of its own is better than the same one twice.
-                       "--no-requeue",
-                       "--job-name=" + request.name,
-                       "--ntasks=1",
+                       "--no-requeue", "--job-name=" + request.name, "--ntasks=1",
                        "--cpus-per-task=" + std::to_string(request.threads),
                        // Nothing of the daemon's environment, and no login shell to make another one.
                        "--export=NIL",
                        // The daemon's may not be there.
-                       "--chdir=/",
-                       "--output=" + request.output};
+                       "--chdir=/", "--output=" + request.output};
   if (request.memory_bytes > 0)
     command.arguments.push_back("--mem=" + std::to_string(whole(request.memory_bytes, kMebibyte)) + "M");
   if (request.wall_seconds > 0)

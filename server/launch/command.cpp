@@ -92,8 +92,8 @@ int spawn(const Command& command, const Pipe& input, const Pipe& output, const P
   std::vector<char*> arguments;
   for (const std::string& argument : command.arguments) arguments.push_back(const_cast<char*>(argument.c_str()));
   arguments.push_back(nullptr);
-  const int code = posix_spawnp(&pid, arguments.front(), &actions, &attributes, arguments.data(),
-                                environment_of_command().data());
+  const int code =
+      posix_spawnp(&pid, arguments.front(), &actions, &attributes, arguments.data(), environment_of_command().data());
   posix_spawn_file_actions_destroy(&actions);
   posix_spawnattr_destroy(&attributes);
   return code;
@@ -184,7 +184,8 @@ CommandResult run_command(const Command& command, std::chrono::milliseconds limi
                        {stopped.get(), POLLIN, 0}};
     const auto left = std::chrono::ceil<std::chrono::milliseconds>(until - Clock::now()).count();
     // What a child of the ended command holds open is not waited for.
-    const int answer = ::poll(polled, std::size(polled), has_ended ? 0 : static_cast<int>(std::clamp<long>(left, 0, 1000)));
+    const int answer =
+        ::poll(polled, std::size(polled), has_ended ? 0 : static_cast<int>(std::clamp<long>(left, 0, 1000)));
     if (answer < 0 && errno != EINTR) break;
     if (answer == 0 && has_ended) break;
     if (polled[4].revents || Clock::now() >= until) {

@@ -152,13 +152,9 @@ fs::path LocalLauncher::token_file(const AttemptKey& key) const {
   return settings_.run / (file_name_of(key) + ".token");
 }
 
-fs::path LocalLauncher::log_file(const AttemptKey& key) const {
-  return settings_.logs / (file_name_of(key) + ".log");
-}
+fs::path LocalLauncher::log_file(const AttemptKey& key) const { return settings_.logs / (file_name_of(key) + ".log"); }
 
-fs::path LocalLauncher::work_folder(const AttemptKey& key) const {
-  return settings_.work / file_name_of(key);
-}
+fs::path LocalLauncher::work_folder(const AttemptKey& key) const { return settings_.work / file_name_of(key); }
 
 void LocalLauncher::remove_files(const AttemptKey& key) const {
   std::error_code ignored;  // files that are not there any more are no loss

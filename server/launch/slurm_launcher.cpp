@@ -18,6 +18,7 @@ namespace fs = std::filesystem;
 namespace {
 
 constexpr const char* kPrefix = "slurm ";
+constexpr std::chrono::milliseconds kLongestPilotPause = std::chrono::minutes(10);
 constexpr std::size_t kIdsOfOneCall = 100;  // of scancel
 
 /// A limit of the site, or a controller that is overworked: no fault of the submission.
@@ -66,7 +67,9 @@ std::string SlurmLauncher::name_of(const AttemptKey& key) const {
   return kPrefix + ("saltus-" + settings_.tag + "-") + file_name_of(key);
 }
 
-fs::path SlurmLauncher::token_file(const AttemptKey& key) const { return settings_.run / (file_name_of(key) + ".token"); }
+fs::path SlurmLauncher::token_file(const AttemptKey& key) const {
+  return settings_.run / (file_name_of(key) + ".token");
+}
 
 std::string SlurmLauncher::start(const LaunchRequest& request) {
   {
@@ -108,6 +111,14 @@ void SlurmLauncher::kill(const AttemptKey& key) {
   wake();
 }
 
+void SlurmLauncher::want_pilots(int waiting_jobs) {
+  {
+    std::lock_guard lock(mutex_);
+    if (std::exchange(wanted_, waiting_jobs) > 0 || waiting_jobs == 0) return;
+  }
+  wake();
+}
+
 bool SlurmLauncher::is_idle() const {
   std::lock_guard lock(mutex_);
   return attempts_.empty();
@@ -131,16 +142,14 @@ void SlurmLauncher::work(std::stop_token stop) {
   }
 }
 
-CommandResult SlurmLauncher::run(const Command& command) {
-  return run_(command, settings_.command_limit, stop_);
-}
+CommandResult SlurmLauncher::run(const Command& command) { return run_(command, settings_.command_limit, stop_); }
 
 SteadyTime SlurmLauncher::step() {
   drop_what_was_not_submitted();
   bool has_attempts = false;
   {
     std::lock_guard lock(mutex_);
-    has_attempts = !attempts_.empty();
+    has_attempts = !attempts_.empty() || (settings_.pilots.most > 0 && wanted_ > 0);
   }
   const SteadyTime now = clock_->steady();
   // What an earlier daemon has left is looked for once, even when no attempt is known.
@@ -155,6 +164,7 @@ SteadyTime SlurmLauncher::step() {
     cancel_unwanted();
     while (!is_in_doubt_ && submit_next()) {
     }
+    if (!is_in_doubt_) submit_pilots();
   }
   tell();
   return next_look_;
@@ -162,8 +172,7 @@ SteadyTime SlurmLauncher::step() {
 
 void SlurmLauncher::failed(const std::string& command, const CommandResult& result) {
   if (result.end == CommandResult::End::Stopped) return;
-  if (!is_away_)
-    settings_.log("Slurm does not answer, jobs wait until it does: " + command + ": " + describe(result));
+  if (!is_away_) settings_.log("Slurm does not answer, jobs wait until it does: " + command + ": " + describe(result));
 }
 
 bool SlurmLauncher::look() {
@@ -186,6 +195,8 @@ void SlurmLauncher::reconcile(const std::vector<BatchRow>& rows, SteadyTime now)
   std::map<std::string, std::vector<const BatchRow*>> by_name;
   for (const BatchRow& row : rows)
     if (row.name.starts_with(mark)) by_name[row.name].push_back(&row);
+  const auto pilots = by_name.extract(name_of_pilots());
+  count_pilots(pilots ? pilots.mapped() : std::vector<const BatchRow*>(), now);
   strays_.clear();
   std::vector<std::pair<AttemptKey, WorkerExit>> ended;
   {
@@ -218,6 +229,30 @@ void SlurmLauncher::reconcile(const std::vector<BatchRow>& rows, SteadyTime now)
       if (!end_of(*row)) strays_.insert(row->id);
   has_strays_ = !strays_.empty();
   for (auto& [key, exit] : ended) end(key, std::move(exit));
+}
+
+void SlurmLauncher::count_pilots(const std::vector<const BatchRow*>& rows, SteadyTime now) {
+  pilots_ = pending_pilots_ = 0;
+  std::set<std::string> spoiled;
+  bool is_new = false;
+  for (const BatchRow* row : rows) {
+    const auto exit = end_of(*row);
+    pilots_ += exit ? 0 : 1;
+    pending_pilots_ += is_pending(*row) ? 1 : 0;
+    const bool is_bad = exit && (exit->kind == WorkerExit::Kind::Signalled || exit->number != 0);
+    if (!is_bad) continue;
+    spoiled.insert(row->id);
+    is_new = is_new || !spoiled_pilots_.contains(row->id);
+  }
+  spoiled_pilots_ = std::move(spoiled);
+  // One that works shows that nothing is wrong with all of them.
+  if (!is_new && pilots_ > pending_pilots_) pilot_pause_ = {};
+  if (!is_new) return;
+  // Whatever is wrong (a program that is not there, a certificate) would be wrong with the next ones.
+  pilot_pause_ = std::clamp(2 * pilot_pause_, settings_.poll, kLongestPilotPause);
+  next_pilots_ = now + pilot_pause_;
+  settings_.log("a pilot has ended badly in Slurm (" + *spoiled_pilots_.rbegin() +
+                "); the next ones are submitted in " + std::to_string(pilot_pause_.count() / 1000) + " s");
 }
 
 void SlurmLauncher::follow(const AttemptKey& key, Attempt& attempt, const BatchRow& row) {
@@ -293,8 +328,8 @@ void SlurmLauncher::scancel(const std::vector<std::string>& ids, bool by_force) 
     command.arguments.insert(command.arguments.end(), ids.begin() + static_cast<std::ptrdiff_t>(begin),
                              ids.begin() + static_cast<std::ptrdiff_t>(end));
     const CommandResult result = run(command);
-    // One that has just ended by itself is an error of scancel's, and none of ours. What is still there at the next look
-    // is cancelled again.
+    // One that has just ended by itself is an error of scancel's, and none of ours. What is still there at the next
+    // look is cancelled again.
     if (!result.is_good() && result.end != CommandResult::End::Exited) failed("scancel", result);
   }
 }
@@ -306,8 +341,8 @@ Command SlurmLauncher::command_for(const LaunchRequest& request) {
   batch.memory_bytes = std::max(request.memory_bytes, request.limits.memory_bytes);
   batch.wall_seconds = request.limits.wall_seconds;
   const std::string& shared = settings_.batch.shared_data;
-  batch.worker_arguments = {"--job", request.key.job_id, "--attempt", std::to_string(request.key.attempt), "--guard",
-                            "--token-file"};
+  batch.worker_arguments = {"--job",   request.key.job_id, "--attempt", std::to_string(request.key.attempt),
+                            "--guard", "--token-file"};
   if (shared.empty()) {
     batch.worker_arguments.push_back("-");
     batch.input = request.token;
@@ -363,6 +398,40 @@ bool SlurmLauncher::submit_next() {
   return false;
 }
 
+void SlurmLauncher::submit_pilots() {
+  BatchRequest batch;
+  {
+    std::lock_guard lock(mutex_);
+    // Those that run have a job, or are about to take one; those that wait are for the jobs that wait.
+    batch.array_size = std::min(settings_.pilots.most - pilots_, wanted_ - pending_pilots_);
+  }
+  if (batch.array_size <= 0 || clock_->steady() < next_pilots_) return;
+  const PilotSettings& pilots = settings_.pilots;
+  batch.name = name_of_pilots();
+  batch.threads = pilots.threads;
+  batch.memory_bytes = pilots.memory_bytes;
+  batch.worker_arguments = {"--threads",      std::to_string(pilots.threads),
+                            "--idle-seconds", std::to_string(pilots.idle_seconds),
+                            "--memory-bytes", std::to_string(pilots.memory_bytes)};
+  Command command;
+  {
+    std::lock_guard lock(mutex_);
+    command = submission(settings_.batch, batch);
+  }
+  const CommandResult result = run(command);
+  if (result.is_good() && id_of(result.output)) {
+    pilots_ += batch.array_size;
+    pending_pilots_ += batch.array_size;
+    pilot_refusal_.clear();
+    return;
+  }
+  // Slurm may have them nevertheless: the next look tells, and until then no others are submitted.
+  is_in_doubt_ = true;
+  const std::string refusal = "sbatch: " + describe(result);
+  if (result.end != CommandResult::End::Stopped && std::exchange(pilot_refusal_, refusal) != refusal)
+    settings_.log("pilots were not taken and are tried again: " + refusal);
+}
+
 std::string tag_of(const fs::path& file, const std::string& fresh) {
   std::string tag;
   std::ifstream(file) >> tag;
@@ -371,7 +440,8 @@ std::string tag_of(const fs::path& file, const std::string& fresh) {
   };
   if (is_sound(tag)) return tag;
   if (fs::exists(file))
-    throw std::runtime_error(file.string() + " does not hold the name of this daemon's Slurm jobs; remove it when none " +
+    throw std::runtime_error(file.string() +
+                             " does not hold the name of this daemon's Slurm jobs; remove it when none " +
                              "of them runs any more");
   const fs::path unsafe = file.string() + ".new";
   write_secret(unsafe, fresh);

@@ -20,11 +20,21 @@
 
 namespace saltus::server {
 
+/// Workers that come by themselves, submitted as arrays while jobs wait: for many short jobs, each of which would take
+/// Slurm longer to begin than it lasts.
+struct PilotSettings {
+  int most = 0;  ///< waiting or running in Slurm; 0: none are submitted
+  int threads = 1;
+  std::int64_t memory_bytes = 0;
+  int idle_seconds = 60;  ///< a pilot ends after so long without a job
+};
+
 struct SlurmSettings {
   BatchSettings batch;
   std::string tag;             ///< tells the Slurm jobs of this daemon from those of others of the same user
   std::filesystem::path run;   ///< for token files, when the nodes share the data folder
   std::filesystem::path logs;  ///< for what workers print, the same
+  PilotSettings pilots;
   std::size_t max_logs = 64;   ///< the oldest go first
   std::chrono::milliseconds poll{10000};            ///< between two looks at the queue
   std::chrono::milliseconds command_limit{30000};   ///< for sbatch, squeue and scancel to answer
@@ -59,6 +69,9 @@ class SlurmLauncher final : public Launcher {
   void terminate(const AttemptKey& key) override;
   void kill(const AttemptKey& key) override;
   bool is_idle() const override;
+
+  /// So many jobs wait for pilots. Never blocks.
+  void want_pilots(int waiting_jobs);
 
   /// To be set before the first start: a port is only known after listening.
   void set_server_address(const std::string& address);
@@ -101,6 +114,9 @@ class SlurmLauncher final : public Launcher {
   bool submit_next();
   Command command_for(const LaunchRequest& request);
   void drop_what_was_not_submitted();
+  void count_pilots(const std::vector<const BatchRow*>& rows, SteadyTime now);
+  void submit_pilots();
+  std::string name_of_pilots() const { return "saltus-" + settings_.tag + "-pilots"; }
   void end(const AttemptKey& key, WorkerExit exit);
   void tell();
   void failed(const std::string& command, const CommandResult& result);
@@ -119,12 +135,19 @@ class SlurmLauncher final : public Launcher {
   std::map<AttemptKey, Attempt> attempts_;
   std::vector<Told> to_tell_;
   bool has_work_ = false;
+  int wanted_ = 0;  ///< jobs that wait for pilots
 
   // Own thread only.
   SteadyTime next_look_{};
   bool has_looked_ = false;
   bool is_away_ = false;             ///< Slurm did not answer the last time
   bool is_in_doubt_ = false;         ///< a submission may have been taken or not
+  int pilots_ = 0;                   ///< at the last look, and submitted since
+  int pending_pilots_ = 0;           ///< of these, have not begun
+  std::set<std::string> spoiled_pilots_;  ///< ids of those that have ended badly, as far as Slurm still knows them
+  std::chrono::milliseconds pilot_pause_{0};   ///< after such a one
+  SteadyTime next_pilots_{};
+  std::string pilot_refusal_;        ///< the last one, "" when there was none since one was taken
   bool has_strays_ = false;          ///< at the last look
   std::set<std::string> strays_;     ///< ids of jobs of ours that no attempt knows, or knows twice
   std::stop_token stop_;

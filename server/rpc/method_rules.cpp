@@ -32,6 +32,9 @@ constexpr MethodRule kRules[] = {
     {"/saltus.v1.WorkerService/Heartbeat", None, None, All, None, false},
     {"/saltus.v1.WorkerService/PutCheckpoint", None, None, All, None, true},
     {"/saltus.v1.WorkerService/CompleteJob", None, None, All, None, true},
+    // No change of its own: the lease that follows is one.
+    {"/saltus.v1.WorkerService/TakeJob", None, None, All, None, false},
+    {"/saltus.v1.WorkerService/ReportExit", None, None, All, None, true},
 
     {"/saltus.v1.AdminService/Drain", None, None, None, All, true},
     {"/saltus.v1.AdminService/CollectGarbage", None, None, None, All, true},

@@ -19,6 +19,7 @@ constexpr std::string_view kPlainName = "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLM
 constexpr std::string_view kIdCharacters = "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789_-";
 constexpr std::size_t kShownBytes = 80;
 constexpr std::size_t kWordBytes = 128;
+constexpr int kLongestWaitSeconds = 60;
 const std::vector<std::string> kImageFormats = {"mha", "nii", "nii.gz", "nrrd", "png"};
 const std::vector<std::string> kOutputFormats = {"mha", "nii.gz", "nrrd"};
 const std::vector<std::string> kPointFormats = {"csv"};
@@ -260,8 +261,22 @@ void validate_job_id(const std::string& id) {
 void validate(const v1::AcquireLeaseRequest& request) {
   const std::string& worker = request.worker();
   if (worker.size() > kWordBytes || (!worker.empty() && !is_plain(worker)))
-    refuse("worker", shown(worker),
-           "it must be a name of at most " + std::to_string(kWordBytes) + " letters, digits, '-', '_' and '.', or empty");
+    refuse(
+        "worker", shown(worker),
+        "it must be a name of at most " + std::to_string(kWordBytes) + " letters, digits, '-', '_' and '.', or empty");
+}
+
+void validate(const v1::TakeJobRequest& request) {
+  if (request.threads() < 1) refuse("threads", std::to_string(request.threads()), "it must be at least 1");
+  if (request.memory_bytes() < 0)
+    refuse("memory_bytes", std::to_string(request.memory_bytes()), "it must be 0 or more");
+  const double wait = request.wait_seconds();
+  // Written so that what is no number is refused too.
+  if (!(wait >= 0 && wait <= kLongestWaitSeconds))
+    refuse("wait_seconds", std::to_string(wait), "it must be 0 to " + std::to_string(kLongestWaitSeconds));
+  if (request.worker().size() > kWordBytes || !is_printable(request.worker()))
+    refuse("worker", shown(request.worker()),
+           "it must be at most " + std::to_string(kWordBytes) + " printable ASCII characters");
 }
 
 void validate(const v1::PutCheckpointRequest& request) {

@@ -16,6 +16,7 @@ void validate(const v1::ListRegistrationJobsRequest& request);
 void validate(const v1::FindMissingBlobsRequest& request);
 void validate(const v1::ReadBlobRequest& request);
 void validate(const v1::AcquireLeaseRequest& request);
+void validate(const v1::TakeJobRequest& request);
 void validate(const v1::PutCheckpointRequest& request);
 void validate(const v1::CompleteJobRequest& request);
 /// The first message of an upload.

@@ -20,6 +20,10 @@ class WorkerServiceImpl final : public v1::WorkerService::CallbackService {
                                           v1::PutCheckpointResponse*) override;
   grpc::ServerUnaryReactor* CompleteJob(grpc::CallbackServerContext*, const v1::CompleteJobRequest*,
                                         v1::CompleteJobResponse*) override;
+  grpc::ServerUnaryReactor* TakeJob(grpc::CallbackServerContext*, const v1::TakeJobRequest*,
+                                    v1::TakeJobResponse*) override;
+  grpc::ServerUnaryReactor* ReportExit(grpc::CallbackServerContext*, const v1::ReportExitRequest*,
+                                       v1::ReportExitResponse*) override;
 
  private:
   JobManager& jobs_;

@@ -71,7 +71,8 @@ ProcessEnd run_attempt_process(const AttemptOrder& order, const std::stop_token&
   }
   std::vector<std::string> words{"saltus-worker"};
   words.insert(words.end(), order.options.begin(), order.options.end());
-  words.insert(words.end(), {"--job", order.job_id, "--attempt", std::to_string(order.attempt), "--token-file", token_file});
+  words.insert(words.end(),
+               {"--job", order.job_id, "--attempt", std::to_string(order.attempt), "--token-file", token_file});
   const pid_t pid = spawn(words, environment_with(folder.path()));
   siginfo_t ended{};
   {

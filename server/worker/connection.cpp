@@ -40,7 +40,8 @@ client::TlsIdentity Connection::identity() const {
 
 std::vector<std::string> Connection::options() const {
   std::vector<std::string> words{"--server", server};
-  for (const auto& [option, value] : {std::pair("--tls-ca", authority), {"--tls-cert", certificate}, {"--tls-key", key}})
+  for (const auto& [option, value] :
+       {std::pair("--tls-ca", authority), {"--tls-cert", certificate}, {"--tls-key", key}})
     if (!value.empty()) words.insert(words.end(), {option, value});
   return words;
 }

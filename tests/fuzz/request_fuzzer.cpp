@@ -74,7 +74,9 @@ const std::map<std::string, Check>& checks() {
       check<v1::ReadBlobRequest>(server::validate),
       check<v1::WriteBlobRequest>(server::validate_upload),
       check<v1::QueryWriteStatusRequest>(server::validate),
-      check<v1::AcquireLeaseRequest>([](const v1::AcquireLeaseRequest&) {}),
+      check<v1::AcquireLeaseRequest>(server::validate),
+      check<v1::TakeJobRequest>(server::validate),
+      check<v1::ReportExitRequest>([](const v1::ReportExitRequest&) {}),
       check<v1::HeartbeatRequest>(
           [](const v1::HeartbeatRequest& request) { server::to_message(server::from_message(request.progress())); }),
       check<v1::CompleteJobRequest>([](const v1::CompleteJobRequest& request) {

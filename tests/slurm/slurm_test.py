@@ -4,7 +4,6 @@ Each case is a test of its own: slurm_test.py --programs build/bin --case NAME.
 """
 
 import argparse
-import json
 import os
 import signal
 import subprocess
@@ -14,120 +13,16 @@ import time
 
 sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
 import cluster  # noqa: E402
+from service import (LONG, PATIENCE, SHORT, STEPS, Service, count_of_workers, equal, pair, results,  # noqa: E402
+                     tls_options, worker_of, worker_tls)
 
 parser = argparse.ArgumentParser()
 parser.add_argument("--programs", required=True)
 parser.add_argument("--case", required=True)
 options = parser.parse_args()
 
-PATIENCE = 120
-SHORT = ["--model", "gaussian", "--similarity", "ssd", "--set", "regularisation=0.0001"]
-LONG = ["--set", "tolerance=0", "--set", "optimality_tolerance=0", "--set", "time_steps=64", "--set",
-        "max_iterations=10000", "--set", "levels=1", "--set", "width_voxels=64"]
-# Some seconds of work in several steps, with a checkpoint after each.
-STEPS = ["--set", "tolerance=0", "--set", "optimality_tolerance=0", "--set", "time_steps=16", "--set",
-         "max_iterations=30"]
-
-
-class Service:
-    """A daemon that submits to the cluster, and the command line as its client."""
-
-    def __init__(self, folder, slurm, more=()):
-        self.folder, self.slurm, self.more = folder, slurm, list(more)
-        self.address = "unix:" + os.path.join(folder, "socket")
-        self.daemon = None
-        self.log = os.path.join(folder, "saltusd.log")
-
-    def path(self, *names):
-        return os.path.join(self.folder, *names)
-
-    def __enter__(self):
-        self.run("phantom", "rectangle", "--size", "160,160", "--texture", "blobs", "--out", self.path("pair"))
-        self.start()
-        return self
-
-    def __exit__(self, *_):
-        self.kill()
-
-    def start(self):
-        self.daemon = subprocess.Popen(
-            self.slurm.here(os.path.join(options.programs, "saltusd"), "--data", self.path("data"), "--listen", self.address,
-             "--launcher", "slurm", "--slurm-poll-seconds", "0.5", "--retry-seconds", "0.1", "--checkpoint-seconds",
-             "0.1", "--lease-seconds", "5", *self.more),
-            stdout=subprocess.PIPE, stderr=open(self.log, "ab"), text=True)
-        line = self.daemon.stdout.readline()
-        assert line.startswith("listening on"), f"{line}\n{self.told()}"
-
-    def kill(self, how=signal.SIGKILL):
-        if self.daemon is None:
-            return None
-        self.daemon.send_signal(how)
-        code = self.daemon.wait(PATIENCE)
-        self.daemon.stdout.close()
-        self.daemon = None
-        return code
-
-    def run(self, *words, check=True):
-        done = subprocess.run([os.path.join(options.programs, "saltus"), *words], capture_output=True, text=True,
-                              timeout=PATIENCE, check=False)
-        if check and done.returncode != 0:
-            raise RuntimeError(f"saltus {' '.join(words)}: {done.returncode} {done.stderr}")
-        return done.stdout
-
-    def submit(self, *more):
-        pair = []
-        for role in ("fixed", "moving"):
-            found = [name for name in os.listdir(self.path("pair")) if name.startswith(role + ".")]
-            assert len(found) == 1, os.listdir(self.path("pair"))
-            pair += ["--" + role, self.path("pair", found[0])]
-        threads = [] if "--threads" in more else ["--threads", "1"]
-        out = self.run("submit", *pair, "--preset", "fast", "--format", "mha", "--server", self.address, *threads,
-                       *more)
-        return out.split()[0]
-
-    def get(self, job):
-        return json.loads(self.run("get", job, "--json", "--server", self.address))
-
-    def wait(self, job, condition, what):
-        found = {}
-
-        def is_so():
-            found.update(self.get(job))
-            return condition(found)
-
-        try:
-            self.slurm.wait_until(is_so, f"{what}, of {job}")
-        except RuntimeError as error:
-            raise RuntimeError(f"{error}\n{json.dumps(found, indent=1)}\n{self.told()}") from error
-        return dict(self.get(job))
-
-    def wait_for_state(self, job, state):
-        ended = ("SUCCEEDED", "FAILED", "CANCELLED")
-        found = self.wait(job, lambda j: j["state"] == state or j["state"] in ended, state)
-        assert found["state"] == state, f"{json.dumps(found, indent=1)}\n{self.told()}"
-        return found
-
-    def wait_for_work(self, job, attempt=1):
-        return self.wait(job, lambda j: j["attempt"] >= attempt and
-                         j.get("progress", {}).get("stage") == "optimising" and j["progress"]["iteration"] > 0,
-                         f"attempt {attempt} at work")
-
-    def told(self):
-        with open(self.log, encoding="utf-8", errors="replace") as log:
-            return log.read()
-
-
-def equal(found, expected, what=""):
-    assert found == expected, f"{what}: {found!r} is not {expected!r}"
-
-
 def names_of_live(slurm):
     return [name for _, name, state in slurm.jobs() if state in ("PENDING", "RUNNING", "COMPLETING")]
-
-
-def results(job):
-    """Digests of what the solver has found; the other files have times in them."""
-    return {a["name"]: a["digest"] for a in job["artifacts"] if a["name"].endswith(".mha")}
 
 
 def normal_run(service, slurm):
@@ -155,11 +50,6 @@ def normal_run(service, slurm):
             assert a.read() == b.read(), name + " differs from that of a local worker"
 
 
-def pair(service, role):
-    found = [name for name in os.listdir(service.path("pair")) if name.startswith(role + ".")]
-    return service.path("pair", found[0])
-
-
 def shared_folder(service, slurm):
     """Tokens, logs and inputs by a folder that the nodes see."""
     job = service.submit(*LONG)
@@ -173,6 +63,9 @@ def shared_folder(service, slurm):
     service.run("cancel", job, "--server", service.address)
     service.wait_for_state(job, "CANCELLED")
     slurm.wait_until(lambda: not os.listdir(service.path("data", "run")), "the token to be removed")
+    done = service.wait_for_state(service.submit(*SHORT), "SUCCEEDED")
+    equal(service.metric("saltusd_download_bytes_total"), 0, "bytes of inputs that went over the connection")
+    assert done["artifacts"]
 
 
 def token_on_node(service, slurm):
@@ -199,20 +92,6 @@ def token_on_node(service, slurm):
     service.run("cancel", job, "--server", service.address)
     service.wait_for_state(job, "CANCELLED")
     slurm.wait_until(lambda: not os.path.exists(os.path.dirname(token_file)), "the folder on the node to be removed")
-
-
-def worker_of(job):
-    """The process that does the work: not its guard."""
-    for name in os.listdir("/proc"):
-        if name.isdigit():
-            try:
-                with open(f"/proc/{name}/cmdline", "rb") as found:
-                    words = found.read().split(b"\0")
-            except OSError:
-                continue
-            if job.encode() in words and b"--guard" not in words and b"saltus-worker" in words[0]:
-                return int(name)
-    raise RuntimeError("no worker of " + job)
 
 
 def cancel(service, slurm):
@@ -366,54 +245,38 @@ def several_hosts(service, slurm):
     service.wait_for_state(second, "CANCELLED")
 
 
-def count_of_workers(job):
-    found = 0
-    for name in os.listdir("/proc"):
-        if name.isdigit():
-            try:
-                with open(f"/proc/{name}/cmdline", "rb") as words:
-                    words = words.read().split(b"\0")
-            except OSError:
-                continue
-            found += job.encode() in words and b"--guard" not in words and b"saltus-worker" in words[0]
-    return found
-
-
-def tls_options(folder, address):
-    """Makes an authority, a certificate for the daemon and one for workers; the options that name them."""
-    def path(name):
-        return os.path.join(folder, name)
-
-    def openssl(*words):
-        subprocess.run(["openssl", *words], check=True, capture_output=True)
-
-    openssl("req", "-x509", "-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:P-256", "-nodes", "-days", "2", "-subj",
-            "/CN=authority", "-keyout", path("ca.key"), "-out", path("ca.pem"))
-    for name, more in (("daemon", f"subjectAltName=IP:{address}"), ("worker", "subjectAltName=DNS:node.test")):
-        openssl("req", "-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:P-256", "-nodes", "-subj", "/CN=" + name,
-                "-keyout", path(name + ".key"), "-out", path(name + ".csr"))
-        with open(path(name + ".ext"), "w", encoding="ascii") as extension:
-            extension.write(more + "\n")
-        openssl("x509", "-req", "-in", path(name + ".csr"), "-CA", path("ca.pem"), "-CAkey", path("ca.key"),
-                "-CAcreateserial", "-days", "2", "-extfile", path(name + ".ext"), "-out", path(name + ".pem"))
-    with open(path("roles"), "w", encoding="ascii") as roles:
-        roles.write("node.test = worker\n")
-    return ["--listen", address + ":0", "--tls-cert", path("daemon.pem"), "--tls-key", path("daemon.key"),
-            "--tls-client-ca", path("ca.pem"), "--roles", path("roles"), "--slurm-tls-ca", path("ca.pem"),
-            "--slurm-tls-cert", path("worker.pem"), "--slurm-tls-key", path("worker.key")]
+def pilot_array(service, slurm):
+    """Many short jobs by an array of pilots: none twice, none lost; the pilots go when there is nothing to do."""
+    jobs = [service.submit(*SHORT) for _ in range(8)]
+    for job in jobs:
+        done = service.wait_for_state(job, "SUCCEEDED")
+        equal(done["attempt"], 1)
+    names = {name.split("-", 2)[2] for _, name, _ in slurm.jobs()}
+    equal(names, {"pilots"}, "what is submitted")
+    assert len(slurm.jobs()) < len(jobs), slurm.jobs()
+    refused = service.refusal("--threads", "2")
+    assert "EXCEEDS_BUDGET" in refused or "ask for fewer threads" in refused, refused
+    slurm.wait_until(lambda: not names_of_live(slurm), "the pilots to go")
+    equal(service.wait_for_state(service.submit(*SHORT), "SUCCEEDED")["attempt"], 1)
 
 
 CASES = {case.__name__: case for case in (
     normal_run, shared_folder, token_on_node, cancel, node_drain, killed_job, cancelled_by_others, node_failure,
-    time_limit, daemon_restart, controller_away, several_hosts)}
+    time_limit, daemon_restart, controller_away, several_hosts,
+    pilot_array)}
 
 
 def run_case(folder, hosts=None):
     with cluster.Cluster(os.path.join(folder, "slurm"), hosts=hosts) as slurm:
-        more = ["--slurm-shared-data", os.path.join(folder, "data")] if options.case == "shared_folder" else []
+        more = ["--launcher", "slurm", "--slurm-poll-seconds", "0.5"]
+        if options.case == "shared_folder":
+            more += ["--slurm-shared-data", os.path.join(folder, "data"), "--metrics", "127.0.0.1:0"]
+        if options.case == "pilot_array":
+            more += ["--slurm-pilots", "2", "--slurm-pilot-idle-seconds", "3", "--threads-per-job", "1",
+                     "--slurm-pilot-memory", "1"]
         if hosts:
-            more = tls_options(folder, hosts.address[hosts.names[0]])
-        with Service(folder, slurm, more) as service:
+            more += tls_options(folder, hosts.address[hosts.names[0]]) + worker_tls(folder, "slurm-")
+        with Service(options.programs, folder, slurm, more) as service:
             try:
                 CASES[options.case](service, slurm)
             except BaseException:

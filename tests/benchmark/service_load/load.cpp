@@ -2,6 +2,7 @@
 
 #include "saltus/v1/admin.grpc.pb.h"
 #include "saltus/v1/registration.grpc.pb.h"
+#include "tests/benchmark/service_load/client_calls.h"
 #include "tests/benchmark/service_load/pinger.h"
 #include "tests/support/child_process.h"
 #include "tests/support/temporary_folder.h"
@@ -34,73 +35,10 @@ using testing_support::ChildProcess;
 constexpr std::chrono::milliseconds kBetweenSamples{100};
 constexpr std::chrono::seconds kBetweenCollections{2};  // what has been uploaded must not fill the disk
 constexpr int kWatchersOfConnection = 25;
-constexpr int kSubmitters = 32;  // threads that submit at the same time
 
 constexpr double kPingTarget = 50, kMemoryTarget = 300, kGrowthTarget = 10, kFilesTarget = 10, kRestartTarget = 5;
 
 double seconds_since(Clock::time_point begin) { return std::chrono::duration<double>(Clock::now() - begin).count(); }
-
-std::string digest_of(const std::string& data) {
-  unsigned char hash[EVP_MAX_MD_SIZE];
-  unsigned size = 0;
-  EVP_Digest(data.data(), data.size(), hash, &size, EVP_sha256(), nullptr);
-  std::string text = "sha256:";
-  char hex[3];
-  for (unsigned i = 0; i < size; ++i) {
-    std::snprintf(hex, sizeof hex, "%02x", hash[i]);
-    text += hex;
-  }
-  return text;
-}
-
-std::shared_ptr<grpc::Channel> connect(const std::string& address) {
-  grpc::ChannelArguments arguments;
-  arguments.SetInt(GRPC_ARG_USE_LOCAL_SUBCHANNEL_POOL, 1);
-  return grpc::CreateCustomChannel(address, grpc::InsecureChannelCredentials(), arguments);
-}
-
-void require(const grpc::Status& status, const char* what) {
-  if (!status.ok()) throw std::runtime_error(std::string(what) + ": " + status.error_message());
-}
-
-grpc::Status upload(v1::BlobService::Stub& stub, const std::string& data) {
-  constexpr std::size_t kChunk = 1 << 20;
-  grpc::ClientContext context;
-  v1::WriteBlobResponse response;
-  const auto writer = stub.WriteBlob(&context, &response);
-  v1::WriteBlobRequest request;
-  request.set_digest(digest_of(data));
-  request.set_size(static_cast<std::int64_t>(data.size()));
-  bool is_open = writer->Write(request);
-  request.Clear();
-  for (std::size_t at = 0; is_open && at < data.size(); at += kChunk) {
-    request.set_data(data.substr(at, kChunk));
-    is_open = writer->Write(request);
-  }
-  writer->WritesDone();
-  return writer->Finish();
-}
-
-/// Runs `work(i)` for every i below `count` on several threads; throws what the first one that failed has thrown.
-template <class Work>
-void in_parallel(int count, Work work) {
-  std::atomic<int> next{0};
-  std::exception_ptr error;
-  std::atomic_flag has_failed;
-  {
-    std::vector<std::jthread> threads;
-    for (int t = 0; t < kSubmitters; ++t)
-      threads.emplace_back([&] {
-        try {
-          for (int i = next++; i < count; i = next++) work(i);
-        } catch (...) {
-          if (!has_failed.test_and_set()) error = std::current_exception();
-          next = count;
-        }
-      });
-  }
-  if (error) std::rethrow_exception(error);
-}
 
 class Load {
  public:

@@ -1,6 +1,7 @@
 // saltus-load: a daemon under load, how long a call that needs nothing takes meanwhile, and how long a restart takes.
 #include "tests/benchmark/service_load/idle_worker.h"
 #include "tests/benchmark/service_load/load.h"
+#include "tests/benchmark/service_load/many_workers.h"
 #include "tests/benchmark/service_load/pinger.h"
 
 #include <CLI/CLI.hpp>
@@ -19,6 +20,7 @@ int main(int argument_count, char** arguments) {
   WorkerOptions attempt;
   options.daemon = own.parent_path() / "saltusd";
   options.self = own;
+  WorkersOptions workers{.daemon = {}, .workers = 0};
   bool is_quick = false;
   std::string json_file, pinged;
   app.add_option("--daemon", options.daemon, "Path of saltusd [beside this program]")->type_name("FILE");
@@ -36,6 +38,18 @@ int main(int argument_count, char** arguments) {
       ->check(CLI::Range(1, 86400))
       ->capture_default_str();
   app.add_option("--rows", options.rows, "Jobs in the database at the restart")->capture_default_str();
+  app.add_option("--workers", workers.workers,
+                 "Instead of all that: so many workers that come by themselves and take no time for a job")
+      ->check(CLI::Range(1, 2000));
+  app.add_option("--jobs", workers.jobs, "With --workers: jobs that they do")
+      ->check(CLI::Range(1, 10000))
+      ->capture_default_str();
+  app.add_option("--artifact-kibibytes", workers.artifact_kibibytes, "With --workers: what a job makes")
+      ->check(CLI::Range(1, 65536))
+      ->capture_default_str();
+  app.add_option("--heartbeats", workers.heartbeats_per_second, "With --workers: in a second, of all together")
+      ->check(CLI::Range(1, 100000))
+      ->capture_default_str();
   app.add_option("--json", json_file, "Write all figures there")->type_name("FILE");
   app.add_flag("--quick", is_quick, "Small numbers and no targets: only whether it works");
   // How this program calls itself, and how the daemon calls it as its worker.
@@ -65,7 +79,13 @@ int main(int argument_count, char** arguments) {
                  .rows = 100,
                  .is_judged = false};
     }
-    const std::vector<Figure> figures = run_load(options);
+    if (workers.workers > 0) {
+      workers.daemon = options.daemon;
+      workers.seconds = is_quick ? 1 : std::min(options.seconds, 20);
+      if (is_quick) workers.jobs = 50;
+      if (is_quick) workers.heartbeats_per_second = 100;
+    }
+    const std::vector<Figure> figures = workers.workers > 0 ? run_many_workers(workers) : run_load(options);
     print_figures(std::cout, figures);
     if (!json_file.empty()) {
       std::ofstream file(json_file);

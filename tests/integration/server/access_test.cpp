@@ -109,6 +109,8 @@ TEST_F(Access, EachRoleMayCallWhatTheTableGivesItAndNothingElse) {
                                              worker + "Heartbeat",
                                              worker + "PutCheckpoint",
                                              worker + "CompleteJob",
+                                             worker + "TakeJob",
+                                             worker + "ReportExit",
                                              "/saltus.v1.BlobService/FindMissingBlobs",
                                              "/saltus.v1.BlobService/WriteBlob",
                                              "/saltus.v1.BlobService/QueryWriteStatus",

@@ -26,7 +26,7 @@ class WaitingListTest : public ::testing::Test {
   }
   /// Starts the next job that needs at most `room` threads; "" when there is none.
   std::string start(int room = 1) {
-    const auto next = list.next(now, steady, [room](const Demand& demand) { return demand.threads <= room; });
+    const auto next = list.next(now, steady, [room](const Demand& demand) { return demand.threads <= room ? Fit::Yes : Fit::NotNow; });
     if (!next) return "";
     list.started(next->id);
     list.remove(next->id);
@@ -120,7 +120,7 @@ TEST_F(WaitingListTest, LookingWithoutStartingIsNoOvertaking) {
   put("large", "ann", 1, {.threads = 2});
   put("small");
   for (int i = 0; i < 10; ++i)
-    EXPECT_EQ(list.next(now, steady, [](const Demand& demand) { return demand.threads == 1; })->id, "small");
+    EXPECT_EQ(list.next(now, steady, [](const Demand& demand) { return demand.threads == 1 ? Fit::Yes : Fit::NotNow; })->id, "small");
   EXPECT_EQ(start(), "small");
 }
 
@@ -181,6 +181,20 @@ TEST_F(WaitingListTest, PositionsAreTheOrderOfTheStarts) {
       ASSERT_EQ(start(), id) << "position " << position;
     }
   }
+}
+
+TEST_F(WaitingListTest, WhatIsNotForTheOneWhoAsksIsNotOvertaken) {
+  put("large", "ann", kDefaultPriority, {4, 0});
+  for (int i = 0; i < 20; ++i) put("small " + std::to_string(i), "ann", kDefaultPriority, {1, 0});
+  const auto fits = [](const Demand& demand) { return demand.threads == 1 ? Fit::Yes : Fit::NotHere; };
+  for (int i = 0; i < 20; ++i) {
+    const auto next = list.next(now, steady, fits);
+    ASSERT_TRUE(next);
+    list.started(next->id);
+    list.remove(next->id);
+  }
+  EXPECT_FALSE(list.next(now, steady, fits));
+  EXPECT_EQ(list.next(now, steady, [](const Demand&) { return Fit::Yes; })->id, "large");
 }
 
 }  // namespace

@@ -70,7 +70,11 @@ class FakeSlurm {
     for (const std::string& argument : command.arguments)
       if (argument.starts_with("--job-name=")) job.name = argument.substr(11);
     const std::string id = std::to_string(++last_id_);
-    jobs[id] = job;
+    int array = 0;
+    for (const std::string& argument : command.arguments)
+      if (argument.starts_with("--array=1-")) array = std::stoi(argument.substr(10));
+    for (int task = 1; task <= array; ++task) jobs[id + "_" + std::to_string(task)] = job;
+    if (array == 0) jobs[id] = job;
     if (loses_answers) return {CommandResult::End::TimedOut, 0, "", ""};
     return {CommandResult::End::Exited, 0, id + "\n", ""};
   }
@@ -418,6 +422,76 @@ TEST_F(SlurmLauncherTest, OneThatMayHaveBeenSubmittedIsCancelledWhenItIsFound) {
 TEST_F(SlurmLauncherTest, WithNothingToWatchSlurmIsLeftInPeace) {
   pass(1h);
   EXPECT_EQ(slurm.looks, 1);
+}
+
+class PilotsTest : public SlurmLauncherTest {
+ protected:
+  PilotsTest() {
+    settings.pilots = {.most = 5, .threads = 2, .memory_bytes = std::int64_t{1} << 30, .idle_seconds = 60};
+    restart();
+  }
+  void all_become(const char* from, const char* to) {
+    for (auto& [id, job] : slurm.jobs)
+      if (job.state == from) job.state = to;
+  }
+};
+
+TEST_F(PilotsTest, AreSubmittedAsAnArrayWhileJobsWaitAndNoMoreThanThese) {
+  launcher->want_pilots(3);
+  pass(1min);
+  EXPECT_THAT(slurm.jobs, SizeIs(3));
+  const auto& [id, job] = *slurm.jobs.begin();
+  EXPECT_EQ(id, "1_1");
+  for (const char* argument : {"--array=1-3", "--cpus-per-task=2", "--mem=1024M", "--job-name=saltus-ab12-pilots"})
+    EXPECT_THAT(job.arguments, Contains(argument));
+  EXPECT_THAT(job.script, HasSubstr("'--threads' '2' '--idle-seconds' '60'"));
+  EXPECT_THAT(job.script, Not(HasSubstr("--job'")));
+}
+
+TEST_F(PilotsTest, GoOnToTheirLimitAndNotBeyond) {
+  launcher->want_pilots(3);
+  look();
+  all_become("PENDING", "RUNNING");
+  launcher->want_pilots(100);
+  pass(1min);
+  EXPECT_THAT(slurm.jobs, SizeIs(5));
+  all_become("RUNNING", "COMPLETED");
+  look();
+  EXPECT_THAT(slurm.jobs, SizeIs(8));
+  all_become("PENDING", "COMPLETED");
+  launcher->want_pilots(0);
+  pass(1h);
+  EXPECT_THAT(slurm.jobs, SizeIs(8));
+}
+
+TEST_F(PilotsTest, OfAnEarlierDaemonAreCountedAndNotCancelled) {
+  launcher->want_pilots(5);
+  look();
+  restart();
+  launcher->want_pilots(9);
+  pass(1min);
+  EXPECT_THAT(slurm.jobs, SizeIs(5));
+  EXPECT_THAT(slurm.cancels, IsEmpty());
+}
+
+TEST_F(PilotsTest, ThatEndBadlyAreNotSubmittedOverAndOver) {
+  launcher->want_pilots(1);
+  for (int second = 0; second < 3600; ++second) {
+    pass(1s);
+    all_become("PENDING", "FAILED");
+    for (auto& [id, job] : slurm.jobs) job.wait_status = 2 << 8;
+  }
+  // After 10, 20, ... 600 s.
+  EXPECT_LE(slurm.jobs.size(), 13u);
+  EXPECT_GE(slurm.jobs.size(), 8u);
+  EXPECT_THAT(log, Contains(HasSubstr("a pilot has ended badly")));
+}
+
+TEST_F(PilotsTest, AreNotDoubledWhenAnAnswerIsLost) {
+  slurm.loses_answers = true;
+  launcher->want_pilots(5);
+  pass(1min);
+  EXPECT_THAT(slurm.jobs, SizeIs(5));
 }
 
 TEST_F(SlurmLauncherTest, ItsNameInSlurmIsMadeOnce) {
