@@ -23,7 +23,7 @@ grpc::ServerUnaryReactor* ServerInfoServiceImpl::GetServerInfo(grpc::CallbackSer
     info->set_max_queued_jobs(limits::kQueuedJobs);
     info->set_queued_jobs(jobs_.queued_jobs());
     info->set_running_jobs(jobs_.running_jobs());
-    info->set_is_draining(jobs_.is_paused());
+    info->set_is_draining(jobs_.is_paused() || jobs_.is_draining());
     info->set_worker_slots(jobs_.slots());
     const int threads = jobs_.budget().threads;
     info->set_thread_budget(threads == std::numeric_limits<int>::max() ? 0 : threads);

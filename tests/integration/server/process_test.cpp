@@ -196,6 +196,28 @@ TEST_F(Process, APrivateDaemonGoesWithItsClient) {
   EXPECT_EQ(process.wait(), 0);
 }
 
+// Whoever waits for the daemon sees that it takes no jobs, until it is gone.
+TEST_F(Process, TellsThatItDrainsWhenItIsAskedToStop) {
+  use_worker("trap '' TERM; while :; do sleep 1000; done");
+  expect_worker(1);
+  auto process = serve();
+  created();
+  const ProcessHandle worker_process(worker_of(1));
+  v1::ServerInfo answer;
+  const auto ask = [&] {
+    grpc::ClientContext context;
+    return info->GetServerInfo(&context, {}, &answer).ok();
+  };
+  ASSERT_TRUE(ask());
+  EXPECT_FALSE(answer.is_draining());
+  process.signal(SIGTERM);
+  // The worker that does not listen keeps the daemon until it is killed.
+  while (ask() && !answer.is_draining()) {
+  }
+  EXPECT_TRUE(answer.is_draining());
+  EXPECT_EQ(process.wait(), 0);
+}
+
 TEST_F(Process, ACancelEndsAWorkerThatListensToNothing) {
   use_worker("trap '' TERM; while :; do sleep 1000; done");
   expect_worker(1);
