@@ -71,7 +71,7 @@ class FakeWorkers : public v1::WorkerService::Service {
 class LeaseTest : public testing::Test {
  protected:
   AttemptIdentity identity(const std::string& token = "secret") const {
-    return {daemon->settings().address, "job-1", 3, token};
+    return {daemon->settings().address, {}, "job-1", 3, token, ""};
   }
   /// Waits until work would have been told to stop for so long that the process has to be ended.
   StopReason reason_when_late(const std::function<void(Lease&)>& during) {
@@ -142,7 +142,7 @@ TEST_F(LeaseTest, OutlivesADaemonThatComesBack) {
   testing_support::TemporaryFolder folder;
   const std::string address = "unix:" + (folder / "socket").string();
   daemon.emplace(address, std::initializer_list<grpc::Service*>{&service});
-  Lease lease({address, "job-1", 3, "secret"}, [](Lease&) {});
+  Lease lease({address, {}, "job-1", 3, "secret", ""}, [](Lease&) {});
   daemon.reset();
   daemon.emplace(address, std::initializer_list<grpc::Service*>{&service});
   v1::JobProgress progress;
