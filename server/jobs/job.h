@@ -81,9 +81,9 @@ struct JobRecord {
   std::optional<WallTime> not_before;   ///< Queued only: earliest start of the next attempt
   std::optional<JobFailure> last_loss;  ///< why the last attempt that had no outcome ended
   std::optional<Checkpoint> checkpoint;
-  std::string token_hash;  ///< fingerprint of the attempt's token
-  std::string process;     ///< the launcher's name for the attempt's process; "" while unknown
-  std::string batch_id;    ///< what a batch system calls the current or last attempt; "" when none had it
+  std::string token_hash;         ///< fingerprint of the attempt's token
+  std::string process;            ///< the launcher's name for the attempt's process; "" while unknown
+  std::string batch_id;           ///< what a batch system calls the current or last attempt; "" when none had it
   std::optional<WallTime> begun;  ///< when the worker came out of a batch system's queue; nothing while it waits
 
   WallTime created{};

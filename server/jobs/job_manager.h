@@ -118,8 +118,8 @@ class JobManager {
                       Reply<JobRecord> reply);
   void complete(const AttemptKey& key, const std::string& token, const Outcome& outcome, Reply<JobRecord> reply);
 
-  /// Calls `reply` once, from any thread: with the next job that fits, or with nothing when none has come within `wait`,
-  /// the daemon stops, or the taker is withdrawn. Never blocks. Throws Exhausted TOO_MANY_STREAMS.
+  /// Calls `reply` once, from any thread: with the next job that fits, or with nothing when none has come within
+  /// `wait`, the daemon stops, or the taker is withdrawn. Never blocks. Throws Exhausted TOO_MANY_STREAMS.
   std::uint64_t take(const Offer& offer, std::chrono::milliseconds wait,
                      std::function<void(const std::optional<TakenJob>&)> reply);
   /// It is not there any more: what it would have got goes to another.
@@ -223,8 +223,8 @@ class JobManager {
   std::map<AttemptKey, WallTime> running_;  ///< since when
   std::set<AttemptKey> by_force_;           ///< attempts that are ended although their workers are still there
   std::map<std::string, JobProgress> progress_;
-  std::deque<LaunchRequest> launches_;        ///< taken from the queue, to be started by tick()
-  Takers takers_;                             ///< that wait
+  std::deque<LaunchRequest> launches_;  ///< taken from the queue, to be started by tick()
+  Takers takers_;                       ///< that wait
   std::uint64_t last_taker_ = 0;
   std::set<std::uint64_t> withdrawn_;         ///< while they were being given a job
   std::set<AttemptKey> remote_;               ///< attempts that were given to takers

@@ -73,7 +73,9 @@ class JobQueue {
   /// when it has one before the worker is there.
   std::optional<Taken> start(
       JobTable& table, const std::string& id,
-      const std::function<std::string(const AttemptKey&)>& name = [](const AttemptKey&) { return std::string(); }) const;
+      const std::function<std::string(const AttemptKey&)>& name = [](const AttemptKey&) {
+        return std::string();
+      }) const;
   /// The worker of the attempt has come out of a batch system's queue. Nothing when that is known, or the attempt has
   /// ended.
   std::optional<JobRecord> begin(JobTable& table, const AttemptKey& key) const;

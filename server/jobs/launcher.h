@@ -11,7 +11,7 @@ struct LaunchRequest {
   AttemptKey key;
   std::string token;
   int threads = 1;
-  JobLimits limits = {};  ///< of this attempt; the wall time is watched by the job manager
+  JobLimits limits = {};          ///< of this attempt; the wall time is watched by the job manager
   std::int64_t memory_bytes = 0;  ///< what the job says it needs; 0: it does not say
 };
 
@@ -35,7 +35,7 @@ struct WorkerExit {
 
 /// What a launcher with a queue of its own has learned of a worker.
 struct QueueNews {
-  std::string batch_id;      ///< what the batch system calls it
+  std::string batch_id;       ///< what the batch system calls it
   bool has_its_turn = false;  ///< it is out of the queue, and its process is about to begin
 };
 
@@ -56,7 +56,8 @@ class Launcher {
   virtual bool is_batch_system() const { return false; }
   /// The name by which the worker of this attempt can be adopted, when it is known before start(); else "".
   virtual std::string name_of(const AttemptKey&) const { return ""; }
-  /// To be called once, before on_exit(). Called like the other handler, and before it, whenever there is something new.
+  /// To be called once, before on_exit(). Called like the other handler, and before it, whenever there is something
+  /// new.
   virtual void on_news(NewsHandler) {}
 
   /// To be called once, before anything else. The handler is called once for each process that was started or adopted,

@@ -32,8 +32,8 @@ class LeaseTable {
   /// `used` is the wall time that the attempt has used before `now`.
   void grant(const AttemptKey& key, const std::string& token_hash, SteadyTime now, const JobLimits& limits = {},
              std::chrono::milliseconds used = {});
-  /// As grant(), for a worker that waits for its turn in a queue elsewhere, as long as that takes: neither the lease nor
-  /// the wall time runs before begin().
+  /// As grant(), for a worker that waits for its turn in a queue elsewhere, as long as that takes: neither the lease
+  /// nor the wall time runs before begin().
   void grant_waiting(const AttemptKey& key, const std::string& token_hash, SteadyTime now, const JobLimits& limits);
   /// Its turn has come: when the worker has not called by `until`, the lease has expired. Nothing happens when it does
   /// not wait any more.
@@ -49,7 +49,8 @@ class LeaseTable {
   void cancel(const std::string& job_id, SteadyTime now);
   /// Prolongs the lease. Nothing when the attempt or the token is not the current one.
   std::optional<Wanted> renew(const AttemptKey& key, const std::string& token_hash, SteadyTime now);
-  /// Whether the attempt is this process's: the first that asks has it. "" is a process without a name, which is let in.
+  /// Whether the attempt is this process's: the first that asks has it. "" is a process without a name, which is let
+  /// in.
   bool is_for(const AttemptKey& key, const std::string& worker);
   /// What the current attempt has reported.
   void progressed(const AttemptKey& key, const JobProgress& progress, SteadyTime now);

@@ -35,20 +35,20 @@ struct SlurmSettings {
   std::filesystem::path run;   ///< for token files, when the nodes share the data folder
   std::filesystem::path logs;  ///< for what workers print, the same
   PilotSettings pilots;
-  std::size_t max_logs = 64;   ///< the oldest go first
-  std::chrono::milliseconds poll{10000};            ///< between two looks at the queue
-  std::chrono::milliseconds command_limit{30000};   ///< for sbatch, squeue and scancel to answer
+  std::size_t max_logs = 64;                           ///< the oldest go first
+  std::chrono::milliseconds poll{10000};               ///< between two looks at the queue
+  std::chrono::milliseconds command_limit{30000};      ///< for sbatch, squeue and scancel to answer
   std::chrono::milliseconds refusal_patience{600000};  ///< how long a submission that is refused is repeated
   std::function<void(const std::string& line)> log = [](const std::string&) {};
 };
 
 /// Workers as jobs of Slurm, one for each attempt: submitted by sbatch, watched by squeue, taken out by scancel.
 ///
-/// All commands run on one thread, one after the other. Slurm's own queue is the truth: an attempt is known there by the
-/// name of its job, which can be told from its key, so that a daemon which is started again finds the jobs of the one
-/// before, and one that has submitted without hearing the answer does not submit twice. A job of this daemon's that no
-/// attempt knows is cancelled. A controller that does not answer is waited for: nothing is lost or submitted meanwhile,
-/// and workers that run go on.
+/// All commands run on one thread, one after the other. Slurm's own queue is the truth: an attempt is known there by
+/// the name of its job, which can be told from its key, so that a daemon which is started again finds the jobs of the
+/// one before, and one that has submitted without hearing the answer does not submit twice. A job of this daemon's that
+/// no attempt knows is cancelled. A controller that does not answer is waited for: nothing is lost or submitted
+/// meanwhile, and workers that run go on.
 ///
 /// The token goes through the script to the worker, which keeps it in a file of mode 0600; with a shared data folder it
 /// goes through such a file there.
@@ -140,16 +140,16 @@ class SlurmLauncher final : public Launcher {
   // Own thread only.
   SteadyTime next_look_{};
   bool has_looked_ = false;
-  bool is_away_ = false;             ///< Slurm did not answer the last time
-  bool is_in_doubt_ = false;         ///< a submission may have been taken or not
-  int pilots_ = 0;                   ///< at the last look, and submitted since
-  int pending_pilots_ = 0;           ///< of these, have not begun
-  std::set<std::string> spoiled_pilots_;  ///< ids of those that have ended badly, as far as Slurm still knows them
-  std::chrono::milliseconds pilot_pause_{0};   ///< after such a one
+  bool is_away_ = false;                      ///< Slurm did not answer the last time
+  bool is_in_doubt_ = false;                  ///< a submission may have been taken or not
+  int pilots_ = 0;                            ///< at the last look, and submitted since
+  int pending_pilots_ = 0;                    ///< of these, have not begun
+  std::set<std::string> spoiled_pilots_;      ///< ids of those that have ended badly, as far as Slurm still knows them
+  std::chrono::milliseconds pilot_pause_{0};  ///< after such a one
   SteadyTime next_pilots_{};
-  std::string pilot_refusal_;        ///< the last one, "" when there was none since one was taken
-  bool has_strays_ = false;          ///< at the last look
-  std::set<std::string> strays_;     ///< ids of jobs of ours that no attempt knows, or knows twice
+  std::string pilot_refusal_;     ///< the last one, "" when there was none since one was taken
+  bool has_strays_ = false;       ///< at the last look
+  std::set<std::string> strays_;  ///< ids of jobs of ours that no attempt knows, or knows twice
   std::stop_token stop_;
   std::jthread thread_;
 };

@@ -18,7 +18,7 @@ namespace saltus::worker {
 
 /// Which attempt of which job this process is, and the secret that proves it.
 struct AttemptIdentity {
-  std::string server;  ///< unix:/path or host:port
+  std::string server;       ///< unix:/path or host:port
   client::TlsIdentity tls;  ///< for a server beyond this machine
   std::string job_id;
   int attempt = 0;

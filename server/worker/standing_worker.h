@@ -12,11 +12,11 @@ namespace saltus::worker {
 /// What a worker that comes by itself offers, and for how long.
 struct StandingOptions {
   Connection connection;
-  std::string blobs;                     ///< the daemon's folder of blobs, when this machine sees it
-  int threads = 1;                       ///< for one job; takes none that declares more
-  std::int64_t memory_bytes = 0;         ///< the same
-  std::chrono::milliseconds idle{0};     ///< ends after so long without a job or a daemon; 0: never
-  std::string name;                      ///< for people
+  std::string blobs;                  ///< the daemon's folder of blobs, when this machine sees it
+  int threads = 1;                    ///< for one job; takes none that declares more
+  std::int64_t memory_bytes = 0;      ///< the same
+  std::chrono::milliseconds idle{0};  ///< ends after so long without a job or a daemon; 0: never
+  std::string name;                   ///< for people
 };
 
 /// Asks the daemon for jobs, one after the other, and does each in a process of its own. A daemon that is away is

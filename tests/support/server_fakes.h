@@ -305,9 +305,7 @@ class FakeLauncher final : public server::Launcher {
     std::lock_guard lock(mutex_);
     return list;
   }
-  static std::string name(const Key& key) {
-    return "process of " + key.job_id + " " + std::to_string(key.attempt);
-  }
+  static std::string name(const Key& key) { return "process of " + key.job_id + " " + std::to_string(key.attempt); }
   ExitHandler handler_;
   NewsHandler news_;
   mutable std::mutex mutex_;

@@ -160,7 +160,8 @@ TEST_F(ConfigText, ASlurmWhoseWorkersCouldNotComeIsRefused) {
     }
     return std::string();
   };
-  const std::vector<std::string> tls = {"--tls-cert", "/c", "--tls-key", "/k", "--tls-client-ca", "/a", "--roles", "/r"};
+  const std::vector<std::string> tls = {"--tls-cert",      "/c", "--tls-key", "/k",
+                                        "--tls-client-ca", "/a", "--roles",   "/r"};
   const auto with = [&](std::vector<std::string> words) {
     words.insert(words.end(), tls.begin(), tls.end());
     return words;

@@ -169,9 +169,10 @@ TEST_F(BatchAttempts, PreemptionCostsNoAttempt) {
 }
 
 TEST_F(BatchAttempts, WhatTheBatchSystemDidIsTold) {
-  for (const auto& [kind, reason] :
-       {std::pair(WorkerExit::Kind::NodeFailed, "NODE_FAILED"), {WorkerExit::Kind::Withdrawn, "BATCH_CANCELLED"},
-        {WorkerExit::Kind::Refused, "LAUNCH_FAILED"}, {WorkerExit::Kind::Vanished, "WORKER_VANISHED"}}) {
+  for (const auto& [kind, reason] : {std::pair(WorkerExit::Kind::NodeFailed, "NODE_FAILED"),
+                                     {WorkerExit::Kind::Withdrawn, "BATCH_CANCELLED"},
+                                     {WorkerExit::Kind::Refused, "LAUNCH_FAILED"},
+                                     {WorkerExit::Kind::Vanished, "WORKER_VANISHED"}}) {
     const auto request = submit_with({});
     launcher->end(request.key, {kind, 0, "no such partition"});
     EXPECT_EQ(row(request).state, JobState::Queued);

@@ -26,7 +26,8 @@ class WaitingListTest : public ::testing::Test {
   }
   /// Starts the next job that needs at most `room` threads; "" when there is none.
   std::string start(int room = 1) {
-    const auto next = list.next(now, steady, [room](const Demand& demand) { return demand.threads <= room ? Fit::Yes : Fit::NotNow; });
+    const auto next = list.next(
+        now, steady, [room](const Demand& demand) { return demand.threads <= room ? Fit::Yes : Fit::NotNow; });
     if (!next) return "";
     list.started(next->id);
     list.remove(next->id);
@@ -120,7 +121,9 @@ TEST_F(WaitingListTest, LookingWithoutStartingIsNoOvertaking) {
   put("large", "ann", 1, {.threads = 2});
   put("small");
   for (int i = 0; i < 10; ++i)
-    EXPECT_EQ(list.next(now, steady, [](const Demand& demand) { return demand.threads == 1 ? Fit::Yes : Fit::NotNow; })->id, "small");
+    EXPECT_EQ(
+        list.next(now, steady, [](const Demand& demand) { return demand.threads == 1 ? Fit::Yes : Fit::NotNow; })->id,
+        "small");
   EXPECT_EQ(start(), "small");
 }
 

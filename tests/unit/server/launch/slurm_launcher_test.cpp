@@ -54,9 +54,9 @@ class FakeSlurm {
   std::map<std::string, Job> jobs;
   int calls = 0, looks = 0;
   bool is_away = false;
-  bool loses_answers = false;   ///< sbatch takes the job, and its answer gets lost
-  std::string refuses;          ///< what sbatch says instead of taking a job
-  bool drops_scancel = false;   ///< scancel cannot reach the controller
+  bool loses_answers = false;  ///< sbatch takes the job, and its answer gets lost
+  std::string refuses;         ///< what sbatch says instead of taking a job
+  bool drops_scancel = false;  ///< scancel cannot reach the controller
   std::vector<std::vector<std::string>> cancels;
 
  private:
@@ -82,7 +82,8 @@ class FakeSlurm {
   CommandResult squeue() {
     ++looks;
     std::ostringstream out;
-    for (const auto& [id, job] : jobs) out << id << "   |" << job.name << "   |" << job.state << " |" << job.wait_status << "  \n";
+    for (const auto& [id, job] : jobs)
+      out << id << "   |" << job.name << "   |" << job.state << " |" << job.wait_status << "  \n";
     return {CommandResult::End::Exited, 0, out.str(), ""};
   }
 
@@ -223,18 +224,19 @@ TEST_P(SlurmEndings, AreToldOnceAsWhatTheyAre) {
   EXPECT_TRUE(launcher->is_idle());
 }
 
-INSTANTIATE_TEST_SUITE_P(
-    Slurm, SlurmEndings,
-    ::testing::Values(Ending{"COMPLETED", 0, WorkerExit::Kind::Exited, 0},
-                      Ending{"FAILED", 3 << 8, WorkerExit::Kind::Exited, 3},
-                      Ending{"FAILED", 9, WorkerExit::Kind::Signalled, 9},
-                      Ending{"FAILED", 139 << 8, WorkerExit::Kind::Signalled, 11},
-                      Ending{"OUT_OF_MEMORY", 9, WorkerExit::Kind::Exited, kOutOfMemoryExit},
-                      Ending{"TIMEOUT", 15, WorkerExit::Kind::TimeLimit, 0},
-                      Ending{"PREEMPTED", 15, WorkerExit::Kind::Preempted, 0},
-                      Ending{"NODE_FAIL", 0, WorkerExit::Kind::NodeFailed, 0},
-                      Ending{"CANCELLED", 15, WorkerExit::Kind::Withdrawn, 0}),
-    [](const auto& info) { return std::string(info.param.state) + "_" + std::to_string(info.param.wait_status); });
+INSTANTIATE_TEST_SUITE_P(Slurm, SlurmEndings,
+                         ::testing::Values(Ending{"COMPLETED", 0, WorkerExit::Kind::Exited, 0},
+                                           Ending{"FAILED", 3 << 8, WorkerExit::Kind::Exited, 3},
+                                           Ending{"FAILED", 9, WorkerExit::Kind::Signalled, 9},
+                                           Ending{"FAILED", 139 << 8, WorkerExit::Kind::Signalled, 11},
+                                           Ending{"OUT_OF_MEMORY", 9, WorkerExit::Kind::Exited, kOutOfMemoryExit},
+                                           Ending{"TIMEOUT", 15, WorkerExit::Kind::TimeLimit, 0},
+                                           Ending{"PREEMPTED", 15, WorkerExit::Kind::Preempted, 0},
+                                           Ending{"NODE_FAIL", 0, WorkerExit::Kind::NodeFailed, 0},
+                                           Ending{"CANCELLED", 15, WorkerExit::Kind::Withdrawn, 0}),
+                         [](const auto& info) {
+                           return std::string(info.param.state) + "_" + std::to_string(info.param.wait_status);
+                         });
 
 TEST_F(SlurmLauncherTest, AWordThatNobodyKnowsIsNoEnd) {
   launcher->start(request());
@@ -394,7 +396,8 @@ TEST_F(SlurmLauncherTest, AKillDoesNotWaitForTheWorker) {
   launcher->step();
   launcher->kill(key);
   launcher->step();
-  EXPECT_THAT(slurm.cancels, ElementsAre(ElementsAre("1"), ElementsAre("1"), ElementsAre("--signal=KILL", "--full", "1")));
+  EXPECT_THAT(slurm.cancels,
+              ElementsAre(ElementsAre("1"), ElementsAre("1"), ElementsAre("--signal=KILL", "--full", "1")));
 }
 
 TEST_F(SlurmLauncherTest, OneThatWasNeverSubmittedEndsAtOnceWhenItIsCancelled) {
