@@ -1,0 +1,71 @@
+#pragma once
+
+#include <algorithm>
+#include <cmath>
+
+namespace saltus {
+
+/// The one-dimensional C0 Wendland profile k0 of width sigma and its derivative, averaged over a cell of width h (box
+/// B), at any distance r from the momentum and not at samples only: what a momentum makes that lies anywhere and is
+/// turned anyhow. Mass and unit as in KernelTaps without their factor h, at r = t h the same numbers:
+///
+///     value   V(r) = 1/mass     k0 * B (r)     = (K(r + h/2) - K(r - h/2)) / (mass h)      K the antiderivative of k0
+///     slope   S(r) = sigma/mass k0' * B (r)    = sigma (k0(r + h/2) - k0(r - h/2)) / (mass h)
+///
+/// and for energies, which average on both sides (L = B * B the hat),
+///
+///     value_gram     1/mass k0 * L           slope_gram   -sigma^2/mass k0'' * L     (holds the Dirac of k0'' at 0)
+///
+/// V' = S / sigma; S' is that of a function with kinks. Both are 0 beyond `reach`.
+template <class T>
+struct AveragedWendland {
+  T sigma = 1, half = T(0.5), value_scale = 1, slope_scale = 1;  ///< half: of the cell
+  T per_sigma = 1;
+
+  AveragedWendland() = default;
+  AveragedWendland(double width_mm, double cell_mm)
+      : sigma(static_cast<T>(width_mm)),
+        half(static_cast<T>(cell_mm / 2)),
+        // mass = 2 sigma / 3, and the antiderivative of k0 is sigma / 3 (1 - q^3) on either side.
+        value_scale(static_cast<T>(0.5 / cell_mm)),
+        slope_scale(static_cast<T>(1.5 / cell_mm)),
+        per_sigma(static_cast<T>(1 / width_mm)) {}
+
+  T reach() const { return sigma + half; }
+
+  [[gnu::always_inline]] T rest(T r) const { return std::max(T(0), T(1) - std::abs(r) * per_sigma); }
+  [[gnu::always_inline]] T value(T r) const {
+    const T low = rest(r - half), high = rest(r + half);
+    return value_scale *
+           (std::copysign(T(1) - high * high * high, r + half) - std::copysign(T(1) - low * low * low, r - half));
+  }
+  [[gnu::always_inline]] T slope(T r) const {
+    const T low = rest(r - half), high = rest(r + half);
+    return slope_scale * (high - low) * (high + low);
+  }
+  /// S'(r), where it exists.
+  [[gnu::always_inline]] T slope_derivative(T r) const {
+    const T low = rest(r - half), high = rest(r + half);
+    return T(2) * slope_scale * per_sigma * (std::copysign(low, r - half) - std::copysign(high, r + half));
+  }
+
+  T value_gram(T r) const {
+    const auto second = [this](T at) {  // antiderivative of the antiderivative of k0, divided by mass
+      const T q = rest(at);
+      return std::abs(at) / 2 - sigma / 8 * (1 - q * q * q * q);
+    };
+    return second_difference(r, second);
+  }
+  T slope_gram(T r) const {
+    return -T(1.5) * sigma * second_difference(r, [this](T at) { return rest(at) * rest(at); });
+  }
+
+ private:
+  template <class Function>
+  T second_difference(T r, Function&& f) const {
+    const T h = 2 * half;
+    return (f(r + h) - 2 * f(r) + f(r - h)) / (h * h);
+  }
+};
+
+}  // namespace saltus

@@ -1,0 +1,112 @@
+#pragma once
+
+#include "core/grid/lattice.h"
+#include "core/kernels/averaged_wendland.h"
+
+#include <Eigen/Core>
+
+#include <cstdint>
+#include <vector>
+
+namespace saltus {
+
+/// A set of unit normals, the axes first, that leaves no direction far from all of them; each stands for its opposite
+/// as well. `count`: 4 or 8 in 2-D (evenly spaced), 9 (axes and face diagonals) or 13 (and space diagonals) in 3-D; 0
+/// gives none. Throws InvalidInput for other numbers.
+template <int Dim>
+std::vector<Eigen::Matrix<double, Dim, 1>> spread_normals(int count);
+
+/// What oriented momenta are made of.
+template <int Dim>
+struct OrientedOptions {
+  Lattice<Dim> lattice;
+  std::vector<Eigen::Matrix<double, Dim, 1>> normals;  ///< in the frame
+  double width_mm = 1;                                 ///< sigma of the C0 Wendland profile, along n and across
+  double weight = 1;                                   ///< a_1 = 1 / (weight of 1/2 ||v||^2)
+};
+
+/// First-order momenta with the derivative along a normal n and a kernel that is turned with it (numerics, section 7):
+///
+///     v(x) = a_1 V sum over elements e of m_e S(n_e . (x - x_e)) product over j of V(t_ej . (x - x_e)),
+///
+/// with V the cell volume, S and V the averaged profiles of averaged_wendland.h (cells as wide as a site of the lattice
+/// is along that direction), t_ej the frame's other axes. A layer of them jumps by as much as one of axis-aligned
+/// momenta m_i of the same size and kernel, whatever way n points.
+///
+/// An *element* is a pair (normal, site), numbered normal * sites + site; only those that a caller lists exist, so
+/// that all costs follow their number. Its momentum lies in its plane, m_e = sum_j c_ej t_ej: it can only slide, and
+/// Dim - 1 values c_ej are stored. It is carried as the Dim corners of a small simplex in its plane, whose middle is
+/// x_e: so the plane turns with the flow and is never told by a derivative across the jump. The simplex's first axis
+/// is t_e1.
+///
+/// Not for concurrent use: holds scratch memory. Threads inside (OpenMP); results do not depend on their number.
+template <int Dim, class T>
+class OrientedMomenta {
+ public:
+  static constexpr int kComponents = Dim - 1;      ///< values of an element's momentum
+  static constexpr int kCornerValues = Dim * Dim;  ///< coordinates of its corners, corner by corner, in mm of the frame
+  using Element = std::uint32_t;
+
+  /// Throws InvalidInput when a normal is no unit vector, or there are more elements than numbers for them.
+  explicit OrientedMomenta(const OrientedOptions<Dim>& options);
+
+  const OrientedOptions<Dim>& options() const { return options_; }
+  const Lattice<Dim>& lattice() const { return options_.lattice; }
+  std::size_t elements() const { return options_.normals.size() * sites_; }  ///< that there can be
+  std::size_t site_of(Element element) const { return element % sites_; }
+  std::size_t normal_of(Element element) const { return element / sites_; }
+
+  /// Turns elements: at each site the one whose normal is nearest to `normals` there (Dim values a site, unit or 0 for
+  /// none, either sign) has that normal from now on, by the least rotation. All others have those of the options.
+  void turn(std::vector<T> normals);
+  /// The elements that were turned, rising.
+  const std::vector<Element>& turned() const { return turned_; }
+  /// What `turn` was given, with signs as they are used; empty before.
+  const std::vector<T>& turned_normals() const { return turned_normals_; }
+
+  /// Corners of elements at time 0, kCornerValues each.
+  void place(const std::vector<Element>& elements, std::vector<T>& corners) const;
+
+  /// velocity += that of `count` elements with these normals (normal_of), corners and momenta; the velocity lies on
+  /// the lattice. Elements whose momentum is 0 cost nothing.
+  void add_velocity(const std::vector<Element>& elements, const T* corners, const T* momenta, T* velocity) const;
+
+  /// Its transpose and derivative: from the dual of the velocity, adds to the duals of the momenta and, where the
+  /// momentum is not 0, of the corners (null: not).
+  void add_velocity_adjoint(const std::vector<Element>& elements, const T* corners, const T* momenta,
+                            const T* velocity_dual, T* momenta_dual, T* corners_dual) const;
+
+  /// 1/2 sum over normals of ||v||^2 at time 0; adds its gradient to those of the momenta. The block form: normals know
+  /// nothing of each other, and a turned element counts as one that was not. `elements` must rise.
+  double penalty(const std::vector<Element>& elements, const T* momenta, T* gradient);
+
+  /// As MomentumScale::first_order_stiffness: a_1 V c, the same for all normals where samples are cubes.
+  double stiffness(std::size_t normal) const;
+
+  /// Position, normal and axes (rows: n, t_1, ..) of an element from its corners.
+  struct Placement {
+    Eigen::Matrix<T, Dim, 1, Eigen::DontAlign> at;
+    Eigen::Matrix<T, Dim, Dim, Eigen::DontAlign> axes;
+  };
+  static Placement placement(const T* corners);
+
+ private:
+  /// What all elements with one normal have in common.
+  struct Orientation {
+    Eigen::Matrix<double, Dim, Dim> axes;  ///< at time 0
+    AveragedWendland<T> profiles[Dim];     ///< along them
+    Index<Dim> reach;                      ///< of `gram`, in sites
+    std::vector<T> gram;                   ///< of two elements by how far their sites are apart
+  };
+  template <class Row>
+  void visit_rows(const Orientation& orientation, const Placement& place, int begin, int end, Row&& row) const;
+
+  OrientedOptions<Dim> options_;
+  std::size_t sites_;
+  std::vector<Orientation> orientations_;
+  std::vector<T> turned_normals_;
+  std::vector<Element> turned_;
+  std::vector<T> scratch_;  ///< momenta of one normal at all sites, 0 between uses
+};
+
+}  // namespace saltus

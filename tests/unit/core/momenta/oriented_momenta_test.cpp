@@ -1,0 +1,297 @@
+// Oracles: the sum in the header written out with the kernel profile's own closed forms, sums over all sites and
+// elements, and differences of what the adjoint differentiates.
+#include "core/momenta/oriented_momenta.h"
+
+#include "core/kernels/kernel_profile.h"
+#include "core/support/errors.h"
+#include "tests/support/finite_differences.h"
+#include "tests/support/lattices.h"
+#include "tests/support/random_fields.h"
+
+#include <gtest/gtest.h>
+#include <omp.h>
+#include <Eigen/LU>
+
+#include <cmath>
+#include <numeric>
+
+namespace saltus {
+namespace {
+
+template <int Dim>
+using Vec = Eigen::Matrix<double, Dim, 1>;
+
+template <int Dim>
+Lattice<Dim> small_lattice() {
+  Lattice<Dim> lattice;
+  const int size[3] = {14, 13, 9};
+  const double spacing[3] = {1.0, 1.3, 1.6};
+  for (int axis = 0; axis < Dim; ++axis) {
+    lattice.size[axis] = size[axis];
+    lattice.spacing[axis] = spacing[axis];
+    lattice.offset[axis] = 0.3 * axis;
+  }
+  return lattice;
+}
+
+template <int Dim>
+OrientedMomenta<Dim, double> small_momenta() {
+  return OrientedMomenta<Dim, double>({small_lattice<Dim>(), spread_normals<Dim>(Dim == 2 ? 8 : 13), 3.1, 0.7});
+}
+
+/// Every seventh element or so, of all normals.
+template <int Dim>
+std::vector<std::uint32_t> some_elements(const OrientedMomenta<Dim, double>& momenta) {
+  std::vector<std::uint32_t> elements;
+  for (std::uint32_t e = 3; e < momenta.elements(); e += Dim == 2 ? 37 : 397) elements.push_back(e);
+  return elements;
+}
+
+/// k0 averaged over a cell, and its derivative, from antiderivatives and values of the profile.
+double averaged_value(const KernelProfile& k0, double cell, double r) {
+  return (k0.first_integral(r + cell / 2) - k0.first_integral(r - cell / 2)) / (cell * k0.mass());
+}
+double averaged_slope(const KernelProfile& k0, double cell, double r) {
+  return k0.width() * (k0.value(r + cell / 2) - k0.value(r - cell / 2)) / (cell * k0.mass());
+}
+
+TEST(AveragedWendland, IsTheProfileAveragedOverACell) {
+  const auto k0 = make_wendland_profile(2.7);
+  for (double cell : {0.2, 1.0, 4.0}) {
+    const AveragedWendland<double> averaged(2.7, cell);
+    for (double r = -7.0031; r < 7; r += 0.13) {
+      EXPECT_NEAR(averaged.value(r), averaged_value(*k0, cell, r), 1e-14);
+      EXPECT_NEAR(averaged.slope(r), averaged_slope(*k0, cell, r), 1e-13);
+      EXPECT_NEAR(averaged.slope_derivative(r), (averaged.slope(r + 1e-6) - averaged.slope(r - 1e-6)) / 2e-6, 1e-6);
+      if (std::abs(r) > averaged.reach()) {
+        EXPECT_EQ(averaged.slope(r), 0);
+        EXPECT_NEAR(averaged.value(r), 0, 1e-16);
+      }
+    }
+  }
+}
+
+// At the samples it says what the taps of axis-aligned momenta say.
+TEST(AveragedWendland, AgreesWithTheTapsAtTheSamples) {
+  const auto k0 = make_wendland_profile(3.3);
+  for (double h : {0.4, 1.0, 2.0}) {
+    const KernelTaps taps = cell_averaged_taps(*k0, h);
+    const AveragedWendland<double> averaged(3.3, h);
+    for (int t = -taps.radius; t <= taps.radius; ++t) {
+      const auto at = static_cast<std::size_t>(t + taps.radius);
+      EXPECT_NEAR(h * averaged.slope((t - 0.5) * h), taps.slope[at], 1e-13);
+      EXPECT_NEAR(h * averaged.value_gram(t * h), taps.value[at], 1e-13);
+      EXPECT_NEAR(h * averaged.slope_gram(t * h), taps.curvature[at], 1e-12);
+    }
+  }
+}
+
+TEST(SpreadNormals, AreUnitVectorsFarFromEachOtherWithTheAxesFirst) {
+  const auto check = [](const auto& normals, int count, double least_angle) {
+    ASSERT_EQ(normals.size(), static_cast<std::size_t>(count));
+    for (std::size_t i = 0; i < normals.size(); ++i) {
+      EXPECT_NEAR(normals[i].norm(), 1, 1e-15);
+      for (std::size_t j = 0; j < i; ++j)
+        EXPECT_LT(std::abs(normals[i].dot(normals[j])), std::cos((least_angle - 0.01) * M_PI / 180));
+    }
+    for (int axis = 0; axis < normals[0].size(); ++axis) EXPECT_EQ(normals[static_cast<std::size_t>(axis)][axis], 1);
+  };
+  check(spread_normals<2>(4), 4, 45);
+  check(spread_normals<2>(8), 8, 22.5);
+  check(spread_normals<3>(9), 9, 45);
+  check(spread_normals<3>(13), 13, 35.2);
+  EXPECT_TRUE(spread_normals<2>(0).empty());
+  for (int count : {1, 9, 13}) EXPECT_THROW(spread_normals<2>(count), InvalidInput) << count;
+  for (int count : {3, 4, 8, 12}) EXPECT_THROW(spread_normals<3>(count), InvalidInput) << count;
+}
+
+template <int Dim>
+void expect_the_written_sum() {
+  omp_set_num_threads(1);
+  auto momenta = small_momenta<Dim>();
+  const Lattice<Dim>& lattice = momenta.lattice();
+  // Some sites have a normal of their own.
+  std::vector<double> normals(Dim * lattice.sites(), 0.0), drawn = testing::random_values(normals.size(), 3);
+  for (std::size_t site = 0; site < lattice.sites(); site += 2)
+    Eigen::Map<Vec<Dim>>(normals.data() + Dim * site) = Eigen::Map<Vec<Dim>>(drawn.data() + Dim * site).normalized();
+  momenta.turn(normals);
+  std::vector<std::uint32_t> elements = some_elements(momenta);
+  for (std::size_t i = 0; i < momenta.turned().size(); i += Dim == 2 ? 9 : 61) elements.push_back(momenta.turned()[i]);
+  std::sort(elements.begin(), elements.end());
+  elements.erase(std::unique(elements.begin(), elements.end()), elements.end());
+
+  const std::vector<double> values = testing::random_values((Dim - 1) * elements.size(), 4);
+  std::vector<double> corners, velocity(Dim * lattice.sites(), 0.25), wanted = velocity;
+  momenta.place(elements, corners);
+  momenta.add_velocity(elements, corners.data(), values.data(), velocity.data());
+
+  const auto k0 = make_wendland_profile(momenta.options().width_mm);
+  std::size_t turned = 0;
+  for (std::size_t e = 0; e < elements.size(); ++e) {
+    const auto place = OrientedMomenta<Dim, double>::placement(corners.data() + Dim * Dim * e);
+    // Where and which way it should be.
+    std::size_t rest = momenta.site_of(elements[e]);
+    for (int a = 0; a < Dim; ++a) {
+      EXPECT_NEAR(place.at[a], lattice.offset[a] + static_cast<double>(rest % lattice.size[a]) * lattice.spacing[a],
+                  1e-12);
+      rest /= static_cast<std::size_t>(lattice.size[a]);
+    }
+    EXPECT_NEAR((place.axes * place.axes.transpose() - Eigen::Matrix<double, Dim, Dim>::Identity()).norm(), 0, 1e-12);
+    EXPECT_NEAR(place.axes.determinant(), 1, 1e-12);
+    const bool is_turned = std::binary_search(momenta.turned().begin(), momenta.turned().end(), elements[e]);
+    turned += is_turned;
+    const Vec<Dim> own = Eigen::Map<const Vec<Dim>>(normals.data() + Dim * momenta.site_of(elements[e])),
+                   given = momenta.options().normals[momenta.normal_of(elements[e])];
+    EXPECT_NEAR(std::abs(place.axes.row(0).dot((is_turned ? own : given).transpose())), 1, 1e-12);
+    EXPECT_GT(place.axes.row(0).dot(given.transpose()), is_turned ? 0.7 : 1 - 1e-12);
+
+    double cell[Dim];
+    for (int k = 0; k < Dim; ++k) {
+      // Cells are those of the option's normal: what is turned keeps them.
+      const auto untouched = small_momenta<Dim>();
+      std::vector<double> straight;
+      untouched.place({elements[e]}, straight);
+      const auto axes = OrientedMomenta<Dim, double>::placement(straight.data()).axes;
+      double square = 0;
+      for (int a = 0; a < Dim; ++a) square += std::pow(axes(k, a) * lattice.spacing[a], 2);
+      cell[k] = std::sqrt(square);
+    }
+    for (int slab = 0; slab < lattice.size[Dim - 1]; ++slab)
+      visit_slab<Dim>(lattice, slab, [&](const Index<Dim>& index, std::size_t site) {
+        Vec<Dim> x;
+        for (int a = 0; a < Dim; ++a) x[a] = lattice.offset[a] + index[a] * lattice.spacing[a];
+        const Vec<Dim> r = place.axes * (x - place.at);
+        double shape = momenta.options().weight * lattice.cell_volume() * averaged_slope(*k0, cell[0], r[0]);
+        for (int k = 1; k < Dim; ++k) shape *= averaged_value(*k0, cell[k], r[k]);
+        for (int j = 1; j < Dim; ++j)
+          for (int a = 0; a < Dim; ++a)
+            wanted[Dim * site + a] += shape * values[(Dim - 1) * e + j - 1] * place.axes(j, a);
+      });
+  }
+  EXPECT_GT(turned, 5u);
+  EXPECT_LT(turned + 5, elements.size());
+  double largest = 0;
+  for (std::size_t i = 0; i < wanted.size(); ++i) {
+    EXPECT_NEAR(velocity[i], wanted[i], 1e-12);
+    largest = std::max(largest, std::abs(wanted[i] - 0.25));
+  }
+  EXPECT_GT(largest, 0.01);
+}
+
+TEST(OrientedMomenta, MakeTheSumOverElements2d) { expect_the_written_sum<2>(); }
+TEST(OrientedMomenta, MakeTheSumOverElements3d) { expect_the_written_sum<3>(); }
+
+template <int Dim>
+void expect_the_exact_adjoint() {
+  using testing::dot;
+  auto momenta = small_momenta<Dim>();
+  const std::vector<std::uint32_t> elements = some_elements(momenta);
+  std::vector<double> corners;
+  momenta.place(elements, corners);
+  // Anywhere, turned anyhow, and some without a momentum.
+  const std::vector<double> nudges = testing::random_values(corners.size(), 7, 0.3);
+  for (std::size_t i = 0; i < corners.size(); ++i) corners[i] += nudges[i];
+  std::vector<double> values = testing::random_values((Dim - 1) * elements.size(), 8);
+  for (std::size_t e = 0; e < elements.size(); e += 3)
+    std::fill_n(values.begin() + static_cast<std::ptrdiff_t>((Dim - 1) * e), Dim - 1, 0.0);
+  const std::size_t field = Dim * momenta.lattice().sites();
+  const std::vector<double> dual = testing::random_values(field, 9);
+  const auto paired = [&](const std::vector<double>& at, const std::vector<double>& with) {
+    std::vector<double> velocity(field, 0.0);
+    momenta.add_velocity(elements, at.data(), with.data(), velocity.data());
+    return dot(velocity, dual);
+  };
+  std::vector<double> values_dual(values.size(), 0.0), corners_dual(corners.size(), 0.0), alone(values.size(), 0.0);
+  momenta.add_velocity_adjoint(elements, corners.data(), values.data(), dual.data(), values_dual.data(),
+                               corners_dual.data());
+  momenta.add_velocity_adjoint(elements, corners.data(), values.data(), dual.data(), alone.data(), nullptr);
+  // Linear in the momenta, also in those that are 0.
+  const std::vector<double> others = testing::random_values(values.size(), 10);
+  EXPECT_NEAR(dot(values_dual, others), paired(corners, others), 1e-11);
+  for (std::size_t i = 0; i < alone.size(); ++i) EXPECT_NEAR(alone[i], values_dual[i], 1e-13);
+  for (int direction = 0; direction < 4; ++direction) {
+    const std::vector<double> along = testing::random_values(corners.size(), 20 + direction);
+    const double slope = testing::slope_along([&](const auto& at) { return paired(at, values); }, corners, along);
+    EXPECT_NEAR(dot(corners_dual, along), slope, 1e-5 * (1 + std::abs(slope)));
+    EXPECT_GT(std::abs(slope), 1e-3);
+  }
+}
+
+TEST(OrientedMomenta, HaveTheExactAdjoint2d) { expect_the_exact_adjoint<2>(); }
+TEST(OrientedMomenta, HaveTheExactAdjoint3d) { expect_the_exact_adjoint<3>(); }
+
+template <int Dim>
+void expect_threads_to_change_nothing() {
+  auto momenta = small_momenta<Dim>();
+  const std::vector<std::uint32_t> elements = some_elements(momenta);
+  const std::vector<double> values = testing::random_values((Dim - 1) * elements.size(), 8);
+  const std::vector<double> dual = testing::random_values(Dim * momenta.lattice().sites(), 9);
+  std::vector<double> results[2];
+  for (int threads : {1, 2}) {
+    omp_set_num_threads(threads);
+    std::vector<double> corners, gradient(values.size(), 0.0);
+    momenta.place(elements, corners);
+    std::vector<double>& all = results[threads - 1];
+    all.assign(dual.size(), 0.0);
+    momenta.add_velocity(elements, corners.data(), values.data(), all.data());
+    all.push_back(momenta.penalty(elements, values.data(), gradient.data()));
+    std::vector<double> corners_dual(corners.size(), 0.0);
+    momenta.add_velocity_adjoint(elements, corners.data(), values.data(), dual.data(), gradient.data(),
+                                 corners_dual.data());
+    all.insert(all.end(), gradient.begin(), gradient.end());
+    all.insert(all.end(), corners_dual.begin(), corners_dual.end());
+  }
+  omp_set_num_threads(1);
+  EXPECT_EQ(results[0], results[1]);
+}
+
+TEST(OrientedMomenta, DoNotDependOnTheNumberOfThreads) {
+  expect_threads_to_change_nothing<2>();
+  expect_threads_to_change_nothing<3>();
+}
+
+// A layer of elements along a line of any angle makes the jump that a layer of axis-aligned momenta makes.
+TEST(OrientedMomenta, JumpByTheSameAtEveryAngle) {
+  const auto lattice = testing::unit_lattice<2>({61, 61});
+  const double sigma = 6, half_width = 0.5;
+  for (double degrees : {0.0, 22.5, 45.0, 67.5, 90.0}) {
+    OrientedMomenta<2, double> momenta({lattice, spread_normals<2>(8), sigma, 1.0});
+    const double angle = degrees * M_PI / 180;
+    const Vec<2> n(std::cos(angle), std::sin(angle)), middle(30, 30);
+    std::size_t normal = 0;
+    for (std::size_t k = 0; k < 8; ++k)
+      if (std::abs(momenta.options().normals[k].dot(n)) > 1 - 1e-9) normal = k;
+    // Sites within half a sample of the line, with what makes one momentum of size 1 for each unit of its length.
+    std::vector<std::uint32_t> elements;
+    double total = 0;
+    for (int y = 0; y < 61; ++y)
+      for (int x = 0; x < 61; ++x)
+        if (std::abs(n.dot(Vec<2>(x, y) - middle)) <= half_width) {
+          elements.push_back(static_cast<std::uint32_t>(normal * lattice.sites() + 61 * y + x));
+          total += (Vec<2>(x, y) - middle).norm() < 20;
+        }
+    const std::vector<double> values(elements.size(), 40 / total);
+    std::vector<double> corners, velocity(2 * lattice.sites(), 0.0);
+    momenta.place(elements, corners);
+    momenta.add_velocity(elements, corners.data(), values.data(), velocity.data());
+    // On either side sigma / mass k0' of the distance: 2 / mass at the line itself, a jump of 4 / mass.
+    const double mass = 2 * sigma / 3;
+    for (double distance : {-4.0, -2.0, 2.0, 4.0}) {
+      const Vec<2> at = middle + distance * n;
+      const Vec<2> sample(std::round(at[0]), std::round(at[1]));
+      const auto site = static_cast<std::size_t>(61 * sample[1] + sample[0]);
+      const double r = n.dot(sample - middle), sign = r > 0 ? -1 : 1;
+      const Vec<2> t(-n[1], n[0]), v(velocity[2 * site], velocity[2 * site + 1]);
+      const double given = momenta.options().normals[normal].dot(n);  // its own sign
+      EXPECT_NEAR(t.dot(v), given * given * sign * 2 / mass * (1 - std::abs(r) / sigma), 0.03) << degrees;
+      EXPECT_NEAR(n.dot(v), 0, 1e-12);
+    }
+  }
+}
+
+TEST(OrientedMomenta, RefuseNormalsThatAreNone) {
+  EXPECT_THROW((OrientedMomenta<2, float>({small_lattice<2>(), {Vec<2>(1, 1)}, 3.0, 1.0})), InvalidInput);
+}
+
+}  // namespace
+}  // namespace saltus
