@@ -7,7 +7,10 @@
 
 #include <algorithm>
 #include <cctype>
+#include <cstdlib>
 #include <map>
+#include <memory>
+#include <set>
 
 namespace saltus::cli {
 namespace {
@@ -73,6 +76,29 @@ void collect(const CLI::App& app, std::vector<std::string> path, std::vector<Com
   }
 }
 
+/// A settings file without what the environment says for the command that runs: the parser would take the file first.
+class FileBehindEnvironment : public CLI::ConfigTOML {
+ public:
+  explicit FileBehindEnvironment(const CLI::App* command) {
+    for (const CLI::Option* option : command->get_options({})) {
+      const char* const value = option->get_envname().empty() ? nullptr : std::getenv(option->get_envname().c_str());
+      if (value && *value) given_.insert(option->get_lnames().front());
+    }
+    for (; command->get_parent(); command = command->get_parent()) path_.insert(path_.begin(), command->get_name());
+  }
+
+  std::vector<CLI::ConfigItem> from_config(std::istream& in) const override {
+    std::vector<CLI::ConfigItem> items = CLI::ConfigTOML::from_config(in);
+    std::erase_if(items,
+                  [this](const CLI::ConfigItem& item) { return item.parents == path_ && given_.contains(item.name); });
+    return items;
+  }
+
+ private:
+  std::vector<std::string> path_;
+  std::set<std::string> given_;
+};
+
 }  // namespace
 
 std::vector<CommandInfo> commands_of(const CLI::App& app) {
@@ -104,6 +130,7 @@ void take_options_from_environment(CLI::App& app, int argument_count, const char
     if (name == "help" || (name == "server" && command->get_name() == "register")) continue;
     option->envname(environment_name(name));
   }
+  app.config_formatter(std::make_shared<FileBehindEnvironment>(command));
 }
 
 }  // namespace saltus::cli

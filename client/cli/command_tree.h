@@ -32,7 +32,8 @@ std::vector<CommandInfo> commands_of(const CLI::App& app);
 /// "--points-space" -> "SALTUS_POINTS_SPACE".
 std::string environment_name(const std::string& option);
 
-/// Lets an environment variable stand in for every option of the command that `arguments` names.
+/// Lets an environment variable stand in for every option of the command that `arguments` names, before what a settings
+/// file says of it.
 void take_options_from_environment(CLI::App& app, int argument_count, const char* const* arguments);
 
 }  // namespace saltus::cli

@@ -35,10 +35,11 @@ constexpr double agreement_mm = 0.0051;
 struct DirlabOptions {
   std::string root, out;
   std::string cases = "1-10";
-  std::vector<std::string> models{"gaussian", "wendland", "wendland1", "sliding"};
+  std::vector<std::string> models = comparable_models();
   std::vector<double> initial_errors;  ///< in place of the published ones, for other data in the same layout
   bool only_check = false;
   JobOptions job;
+  int jobs = 1;
   ServerChoice server;
   bool as_json = false;
 };
@@ -213,7 +214,8 @@ int run(const DirlabOptions& options) {
     for (Pair& pair : pairs) pair.job.model = model;
     const fs::path folder = fs::path(options.out) / model;
     // Resumes by itself: what is done is not done again.
-    if (const int code = register_pairs(pairs, {options.job, options.server, "", folder, false, PairsOutput::Silent});
+    if (const int code =
+            register_pairs(pairs, {options.job, options.server, "", folder, false, options.jobs, PairsOutput::Silent});
         code != Done)
       return code;
     for (const OpenCase& one : cases) {
@@ -259,6 +261,7 @@ void add_dirlab_command(CLI::App& app, int& exit_code) {
   command->add_option("--threads", options->job.threads, "Threads of the solver; 0: as many as the server gives")
       ->type_name("N")
       ->check(CLI::NonNegativeNumber);
+  add_jobs_option(*command, options->jobs);
   command
       ->add_option("--initial-errors", options->initial_errors,
                    "Expected errors before registration, mm, for other data in the same layout")

@@ -70,6 +70,13 @@ void require(const std::string& value, const std::string& option) {
 
 }  // namespace
 
+std::vector<std::string> comparable_models() {
+  std::vector<std::string> names;
+  for (Model model : all_models())
+    if (model != Model::Directional) names.push_back(to_string(model));
+  return names;
+}
+
 void add_job_options(CLI::App& app, JobOptions& options) {
   app.add_option("--fixed", options.fixed, "Image that stays (required)")->type_name("IMAGE")->check(CLI::ExistingFile);
   app.add_option("--moving", options.moving, "Image that is deformed onto it (required)")

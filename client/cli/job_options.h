@@ -34,6 +34,10 @@ struct JobOptions {
   int threads = 0;
 };
 
+/// The models that can run on any pair, as the command line names them: all but `directional`, which has to be told
+/// along which direction motion jumps.
+std::vector<std::string> comparable_models();
+
 void add_job_options(CLI::App& app, JobOptions& options);
 
 /// True when the user asks with --set help what the parameters are.

@@ -76,7 +76,7 @@ std::string manual_page(const std::vector<CommandInfo>& commands) {
               "front:\n")
        << ".PP\n.nf\n"
        << plain("[register]\nmodel = \"sliding\"\npreset = \"accurate\"\n") << ".fi\n.PP\n"
-       << plain("The command line goes before the file, the file before the environment.\n")
+       << plain("The command line goes before the environment, the environment before the file.\n")
        << ".SH EXIT STATUS\n"
           ".TP\n0\ndone\n.TP\n1\nthe job failed; the reason is on standard error\n.TP\n2\nusage\n"
           ".TP\n3\nthe server is not reachable\n.TP\n4\ncancelled\n";

@@ -93,12 +93,12 @@ fs::path find_daemon() {
       "saltusd is not found beside this program, on the PATH or in $SALTUS_BIN; set SALTUS_BIN to its folder");
 }
 
-PrivateDaemon::PrivateDaemon() {
+PrivateDaemon::PrivateDaemon(const Work& work) {
   const fs::path program = find_daemon();
   folder_ = make_folder();
   address_ = "unix:" + (folder_ / "socket").string();
   try {
-    start(program);
+    start(program, work);
     wait_until_it_listens();
   } catch (...) {
     stop();
@@ -108,7 +108,7 @@ PrivateDaemon::PrivateDaemon() {
 
 PrivateDaemon::~PrivateDaemon() { stop(); }
 
-void PrivateDaemon::start(const fs::path& program) {
+void PrivateDaemon::start(const fs::path& program, const Work& work) {
   const Pipe to_daemon = make_pipe();
   stdin_write_end_ = to_daemon.write_end;
   const Pipe from_daemon = make_pipe();
@@ -128,12 +128,13 @@ void PrivateDaemon::start(const fs::path& program) {
 
   std::vector<std::string> words{program, "--listen", address_, "--data", folder_ / "data", "--exit-on-stdin-close",
                                  // It goes with this command, so it need not leave room for a day's work.
-                                 "--disk-reserve", "64M",
-                                 // There is one job at a time, which has the machine to itself: all cores, or however
-                                 // many threads it asks for.
-                                 "--slots", "1", "--threads-per-job",
-                                 std::to_string(std::max(1u, std::thread::hardware_concurrency())), "--threads",
-                                 "1024"};
+                                 "--disk-reserve", "64M", "--slots", std::to_string(work.jobs)};
+  // A job that names no number of threads gets its share of the cores, so one alone has them all. One that does gets
+  // what it asks for; of several the daemon then starts as many as the cores allow.
+  const int cores = static_cast<int>(std::max(1u, std::thread::hardware_concurrency()));
+  const int each = work.threads > 0 ? work.threads : std::max(1, cores / work.jobs);
+  words.insert(words.end(), {"--threads-per-job", std::to_string(each), "--threads",
+                             std::to_string(work.jobs == 1 ? 1024 : std::max(cores, each))});
   std::vector<char*> arguments;
   for (std::string& word : words) arguments.push_back(word.data());
   arguments.push_back(nullptr);

@@ -13,8 +13,13 @@ namespace saltus::cli {
 /// daemon ends by itself when this process dies, because it watches a pipe that only this process holds.
 class PrivateDaemon {
  public:
+  /// How much it takes on.
+  struct Work {
+    int jobs = 1;     ///< at the same time
+    int threads = 0;  ///< that each job asks for; 0: none, so that the machine's are shared out among the jobs
+  };
   /// Throws FileError when saltusd is not found or does not start.
-  PrivateDaemon();
+  explicit PrivateDaemon(const Work& work);
   ~PrivateDaemon();
   PrivateDaemon(const PrivateDaemon&) = delete;
   PrivateDaemon& operator=(const PrivateDaemon&) = delete;
@@ -22,7 +27,7 @@ class PrivateDaemon {
   const std::string& address() const { return address_; }
 
  private:
-  void start(const std::filesystem::path& program);
+  void start(const std::filesystem::path& program, const Work& work);
   void wait_until_it_listens();
   void stop();
 

@@ -100,13 +100,24 @@ void ProgressDisplay::show(const v1::RegistrationJob& job, std::chrono::steady_c
     bar_is_open_ = true;
     return;
   }
-  const std::string line = lead_ + progress_line(job);
   std::ostringstream phase;
   phase << job.state() << ' ' << job.progress().stage() << ' ' << job.progress().level();
-  if (line == last_line_ || (phase.str() == last_phase_ && now - last_time_ < std::chrono::seconds(1))) return;
+  write_line(lead_ + progress_line(job), phase.str(), now);
+}
+
+void ProgressDisplay::show_text(const std::string& text, const std::string& phase,
+                                std::chrono::steady_clock::time_point now) {
+  if (style_ == DisplayStyle::Lines) return write_line(text, phase, now);
+  out_ << '\r' << text.substr(0, static_cast<std::size_t>(terminal_columns() - 1)) << "\x1b[K" << std::flush;
+  bar_is_open_ = true;
+}
+
+void ProgressDisplay::write_line(const std::string& line, const std::string& phase,
+                                 std::chrono::steady_clock::time_point now) {
+  if (line == last_line_ || (phase == last_phase_ && now - last_time_ < std::chrono::seconds(1))) return;
   out_ << line << std::endl;
   last_line_ = line;
-  last_phase_ = phase.str();
+  last_phase_ = phase;
   last_time_ = now;
 }
 

@@ -28,12 +28,17 @@ class ProgressDisplay {
 
   void show(const v1::RegistrationJob& job,
             std::chrono::steady_clock::time_point now = std::chrono::steady_clock::now());
+  /// The same of several jobs, which the caller puts in words; `phase` says what is new enough not to wait a second.
+  void show_text(const std::string& text, const std::string& phase,
+                 std::chrono::steady_clock::time_point now = std::chrono::steady_clock::now());
   /// Stands before what is shown from now on.
   void lead(std::string text) { lead_ = std::move(text); }
   /// Ends the bar's line; nothing for plain lines.
   void finish();
 
  private:
+  void write_line(const std::string& line, const std::string& phase, std::chrono::steady_clock::time_point now);
+
   std::ostream& out_;
   DisplayStyle style_;
   std::string lead_;

@@ -26,6 +26,7 @@ struct RegisterOptions {
   JobOptions job;
   std::string pairs;  ///< a list of pairs in place of one
   std::string out;
+  int jobs = 1;  ///< of a list, at the same time
   ServerChoice server;
   bool as_json = false;
 };
@@ -63,13 +64,14 @@ int register_images(const RegisterOptions& options) {
     return Done;
   }
   if (options.pairs.empty()) {
+    if (options.jobs != 1) throw InvalidInput("--jobs is given without --pairs; one pair is one job");
     make_spec(options.job);  // what is wrong with the job itself is said first
     if (options.out.empty()) throw InvalidInput("--out is missing; name a folder for the result");
     return register_one(options);
   }
   if (options.out.empty()) throw InvalidInput("--out is missing; name a folder for the results");
   return register_pairs(
-      {options.job, options.server, options.pairs, options.out, options.as_json, PairsOutput::Summary});
+      {options.job, options.server, options.pairs, options.out, options.as_json, options.jobs, PairsOutput::Summary});
 }
 
 }  // namespace
@@ -84,6 +86,7 @@ void add_register_command(CLI::App& app, int& exit_code) {
                    "fixed_mask, moving_mask, fixed_points, moving_points; run again, it goes on where it ended")
       ->type_name("CSV")
       ->check(CLI::ExistingFile);
+  add_jobs_option(*command, options->jobs);
   command
       ->add_option("--out", options->out,
                    "Folder for the result, made if need be (required); with --pairs one below it for each pair")
@@ -101,7 +104,7 @@ void add_register_command(CLI::App& app, int& exit_code) {
       "  saltus register --fixed exhale.nii.gz --moving inhale.nii.gz --out result\n"
       "  saltus register --fixed ct1.mha --moving ct2.mha --affine rigid --intensity-window -1000,400 \\\n"
       "      --fixed-mask body.mha --preset accurate --out result\n"
-      "  saltus register --pairs patients.csv --affine rigid --out results    # fixed,moving in its first line\n"
+      "  saltus register --pairs patients.csv --jobs 4 --out results    # a list, with fixed,moving in its first line\n"
       "  saltus register --fixed a.mha --moving b.mha --fixed-points a.csv --moving-points b.csv \\\n"
       "      --points-space ras --out result\n"
       "  saltus register --model wendland1 --set help");

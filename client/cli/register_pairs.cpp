@@ -12,16 +12,20 @@
 #include "core/image_io/temporary_file.h"
 #include "core/support/errors.h"
 
+#include <CLI/CLI.hpp>
 #include <nlohmann/json.hpp>
 
 #include <algorithm>
 #include <chrono>
 #include <cmath>
+#include <exception>
 #include <fstream>
 #include <iostream>
+#include <mutex>
 #include <optional>
 #include <set>
 #include <sstream>
+#include <thread>
 
 namespace saltus::cli {
 namespace {
@@ -210,6 +214,13 @@ void write_summary(const std::vector<Outcome>& outcomes, const fs::path& folder)
 
 }  // namespace
 
+void add_jobs_option(CLI::App& app, int& jobs) {
+  app.add_option("--jobs", jobs, "Pairs at the same time; the private daemon shares the cores out among them")
+      ->type_name("N")
+      ->check(CLI::Range(1, 1024))
+      ->capture_default_str();
+}
+
 std::vector<Pair> read_pairs(const fs::path& file, const JobOptions& common) {
   CsvReader reader(file);
   const std::vector<const Column*> header = read_header(reader, common);
@@ -242,19 +253,147 @@ std::vector<Pair> read_pairs(const fs::path& file, const JobOptions& common) {
   return pairs;
 }
 
-std::string list_progress(std::size_t number, std::size_t count, double fraction, double seconds_left,
-                          double seconds_a_pair) {
-  std::ostringstream text;
-  text << "pair " << number << " of " << count << ", "
-       << std::lround(100 * (static_cast<double>(number - 1) + std::clamp(fraction, 0.0, 1.0)) /
-                      static_cast<double>(count))
-       << " % of all";
-  if (seconds_a_pair >= 0) {
-    const double this_one = seconds_left >= 0 ? seconds_left : seconds_a_pair * (1 - std::clamp(fraction, 0.0, 1.0));
-    text << ", " << format_seconds(this_one + seconds_a_pair * static_cast<double>(count - number)) << " left in all";
+std::string list_progress(const ListProgress& progress) {
+  double running = 0, longest_left = 0;
+  for (const RunningPair& one : progress.running) {
+    const double fraction = std::clamp(one.fraction, 0.0, 1.0);
+    running += fraction;
+    const double guessed = progress.seconds_a_pair * (1 - fraction);
+    longest_left = std::max(longest_left, one.seconds_left >= 0 ? one.seconds_left : guessed);
   }
+  const auto count = static_cast<double>(progress.count), done = static_cast<double>(progress.done);
+  std::ostringstream text;
+  if (progress.jobs == 1)
+    text << "pair " << progress.done + progress.running.size() << " of " << progress.count;
+  else
+    text << progress.done << " of " << progress.count << " pairs done";
+  text << ", " << std::lround(100 * (done + running) / count) << " % of all";
+  if (progress.seconds_a_pair >= 0) {
+    // Those that wait go side by side too.
+    const double waiting = count - done - static_cast<double>(progress.running.size());
+    const double left = longest_left + progress.seconds_a_pair * waiting / static_cast<double>(progress.jobs);
+    text << ", " << format_seconds(left) << " left in all";
+  }
+  if (progress.jobs > 1)
+    for (std::size_t i = 0; i < progress.running.size(); ++i)
+      text << (i == 0 ? "; " : ", ") << progress.running[i].name << ' '
+           << std::lround(100 * std::clamp(progress.running[i].fraction, 0.0, 1.0)) << " %";
   return text.str();
 }
+
+namespace {
+
+/// Works through a list: takes the next pair, runs it, enters how it ended, until none is left or one cannot go on.
+class PairList {
+ public:
+  PairList(const std::vector<Pair>& pairs, const PairsRequest& request, std::vector<Outcome>& outcomes)
+      : pairs_(pairs),
+        request_(request),
+        outcomes_(outcomes),
+        registrar_(request.server, {request.jobs, most_threads(pairs)}),
+        display_(std::cerr, display_style_of_stderr()) {
+    progress_.count = pairs.size();
+    progress_.jobs = static_cast<std::size_t>(request.jobs);
+    for (const Outcome& outcome : outcomes) progress_.done += outcome.state == "done";
+  }
+
+  /// Cancelled when a job was, else Done. Rethrows what ended a pair otherwise than by its job's failure.
+  ExitCode run() {
+    {
+      std::vector<std::jthread> threads;
+      for (int i = 0; i < request_.jobs; ++i) threads.emplace_back([this] { work(); });
+    }
+    display_.finish();
+    if (problem_ && !registrar_.is_interrupted()) std::rethrow_exception(problem_);
+    if (problem_)
+      std::cerr << "saltus: interrupted; the same command goes on with the pairs that are left" << std::endl;
+    return problem_ || is_cancelled_ ? Cancelled : Done;
+  }
+
+ private:
+  static int most_threads(const std::vector<Pair>& pairs) {
+    int most = 0;
+    for (const Pair& pair : pairs) most = std::max(most, pair.job.threads);
+    return most;
+  }
+
+  std::optional<std::size_t> take() {
+    std::lock_guard lock(mutex_);
+    while (next_ < pairs_.size() && outcomes_[next_].state == "done") ++next_;
+    if (problem_ || is_cancelled_ || next_ == pairs_.size()) return std::nullopt;
+    progress_.running.push_back({pairs_[next_].name});
+    return next_++;
+  }
+
+  void work() {
+    while (const auto i = take()) {
+      try {
+        run_pair(*i);
+      } catch (...) {
+        std::lock_guard lock(mutex_);
+        if (!problem_) problem_ = std::current_exception();
+        return;
+      }
+    }
+  }
+
+  void run_pair(std::size_t i) {
+    const Pair& pair = pairs_[i];
+    const fs::path out = request_.out / pair.name;
+    const ResultFolder folder(out);
+    const auto begin = std::chrono::steady_clock::now();
+    const v1::RegistrationJob job =
+        registrar_.run(pair.job, make_spec(pair.job), out, [&](const v1::RegistrationJob& now) { show(pair, now); });
+    if (job.state() == v1::JOB_STATE_SUCCEEDED) write_done(pair, out);
+    std::lock_guard lock(mutex_);
+    std::erase_if(progress_.running, [&](const RunningPair& one) { return one.name == pair.name; });
+    Outcome& outcome = outcomes_[i];
+    display_.finish();
+    if (const int code = exit_code_of(job); code == Cancelled) {
+      is_cancelled_ = true;
+    } else {
+      outcome.state = code == Done ? "done" : "failed";
+      if (code != Done) outcome.why = job.failure().reason() + ": " + job.failure().message();
+      ++progress_.done;
+      ++done_now_;
+      seconds_ += std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
+      progress_.seconds_a_pair = seconds_ / static_cast<double>(done_now_);
+    }
+    write_summary(outcomes_, request_.out);
+  }
+
+  void show(const Pair& pair, const v1::RegistrationJob& now) {
+    std::lock_guard lock(mutex_);
+    for (RunningPair& one : progress_.running) {
+      if (one.name != pair.name) continue;
+      one.fraction = now.state() == v1::JOB_STATE_SUCCEEDED ? 1 : std::max(one.fraction, now.progress().fraction());
+      one.seconds_left = now.state() == v1::JOB_STATE_RUNNING ? now.progress().seconds_left() : -1;
+    }
+    if (request_.jobs == 1) {
+      display_.lead(list_progress(progress_) + "; " + pair.name + ": ");
+      display_.show(now);
+    } else {
+      std::string phase;
+      for (const RunningPair& one : progress_.running) phase += one.name + ' ';
+      display_.show_text(list_progress(progress_), phase);
+    }
+  }
+
+  const std::vector<Pair>& pairs_;
+  const PairsRequest& request_;
+  std::vector<Outcome>& outcomes_;
+  Registrar registrar_;
+
+  std::mutex mutex_;  ///< of all that follows, and of outcomes_
+  ProgressDisplay display_;
+  ListProgress progress_;
+  std::size_t next_ = 0, done_now_ = 0;
+  double seconds_ = 0;
+  bool is_cancelled_ = false;
+  std::exception_ptr problem_;
+};
+
+}  // namespace
 
 int register_pairs(const PairsRequest& request) {
   return register_pairs(read_pairs(request.pairs, request.job), request);
@@ -272,58 +411,27 @@ int register_pairs(const std::vector<Pair>& pairs, const PairsRequest& request) 
   }
   const ResultFolder folder(request.out);
   std::vector<Outcome> outcomes;
-  std::size_t done_before = 0, failed = 0;
+  std::size_t done_before = 0;
   for (const Pair& pair : pairs) {
     const bool is_there = is_done(pair, request.out / pair.name);
     done_before += is_there;
     outcomes.push_back({&pair, is_there ? "done" : "", ""});
   }
   if (done_before > 0) std::cerr << done_before << " of " << pairs.size() << " pairs are done already" << std::endl;
-
-  std::optional<Registrar> registrar;
-  double seconds = 0;
-  std::size_t done_now = 0;
-  try {
-    for (std::size_t i = 0; i < pairs.size(); ++i) {
-      Outcome& outcome = outcomes[i];
-      if (outcome.state == "done") continue;
-      if (!registrar) registrar.emplace(request.server);
-      const fs::path out = request.out / pairs[i].name;
-      const ResultFolder result_folder(out);
-      const auto begin = std::chrono::steady_clock::now();
-      v1::RegistrationJob job;
-      {
-        ProgressDisplay display(std::cerr, display_style_of_stderr());
-        job = registrar->run(pairs[i].job, make_spec(pairs[i].job), out, [&](const v1::RegistrationJob& now) {
-          display.lead(list_progress(i + 1, pairs.size(), now.progress().fraction(),
-                                     now.state() == v1::JOB_STATE_RUNNING ? now.progress().seconds_left() : -1,
-                                     done_now > 0 ? seconds / static_cast<double>(done_now) : -1) +
-                       "; " + pairs[i].name + ": ");
-          display.show(now);
-        });
-      }
-      if (const int code = exit_code_of(job); code == Cancelled) {
+  if (done_before < pairs.size()) {
+    try {
+      if (PairList(pairs, request, outcomes).run() == Cancelled) {
         write_summary(outcomes, request.out);
         return Cancelled;
-      } else if (code == Done) {
-        write_done(pairs[i], out);
-        outcome.state = "done";
-      } else {
-        outcome.state = "failed";
-        outcome.why = job.failure().reason() + ": " + job.failure().message();
-        ++failed;
       }
-      seconds += std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
-      ++done_now;
+    } catch (...) {
       write_summary(outcomes, request.out);
+      throw;
     }
-  } catch (const client::ClientError& error) {
-    write_summary(outcomes, request.out);
-    if (!registrar || !registrar->is_interrupted() || error.code() != grpc::StatusCode::CANCELLED) throw;
-    std::cerr << "saltus: interrupted; the same command goes on with the pairs that are left" << std::endl;
-    return Cancelled;
   }
   write_summary(outcomes, request.out);
+  const auto failed =
+      std::count_if(outcomes.begin(), outcomes.end(), [](const Outcome& one) { return one.state == "failed"; });
   if (request.output == PairsOutput::Silent) {
     // The caller has a table of its own.
   } else if (request.as_json) {
@@ -336,8 +444,8 @@ int register_pairs(const std::vector<Pair>& pairs, const PairsRequest& request) 
     }
     std::cout << list.dump(2) << std::endl;
   } else {
-    std::cout << pairs.size() - failed << " of " << pairs.size() << " pairs done, written to " << request.out.string()
-              << "; summary.csv there has a line for each" << std::endl;
+    std::cout << pairs.size() - static_cast<std::size_t>(failed) << " of " << pairs.size() << " pairs done, written to "
+              << request.out.string() << "; summary.csv there has a line for each" << std::endl;
   }
   if (failed == 0) return Done;
   std::cerr << "saltus: " << failed << " of " << pairs.size() << " pairs failed; summary.csv says why" << std::endl;

@@ -7,6 +7,10 @@
 #include <string>
 #include <vector>
 
+namespace CLI {
+class App;
+}
+
 namespace saltus::cli {
 
 /// One line of a list: its files, and the name of its folder.
@@ -14,6 +18,9 @@ struct Pair {
   std::string name;
   JobOptions job;  ///< the common options with this pair's files
 };
+
+/// Adds --jobs.
+void add_jobs_option(CLI::App& app, int& jobs);
 
 /// Reads a list of pairs: CSV with a header that has `fixed` and `moving` and may have `name`, `fixed_mask`,
 /// `moving_mask`, `fixed_points` and `moving_points`, in any order; quotes as in RFC 4180; paths from the list's
@@ -31,10 +38,11 @@ struct PairsRequest {
   std::string pairs;
   std::filesystem::path out;
   bool as_json = false;
+  int jobs = 1;  ///< at the same time
   PairsOutput output = PairsOutput::Summary;
 };
 
-/// Registers them one after the other, each into a folder of its name below `out`. A pair that is done, from the same
+/// Registers them, `jobs` at a time, each into a folder of its name below `out`. A pair that is done, from the same
 /// files with the same options, is not done again; one that was done otherwise is refused before anything is begun. A
 /// pair that fails does not stop the others. Writes `out`/summary.csv, a line a pair, after each. The exit code: Done
 /// when all pairs are done, Cancelled when interrupted, else JobFailed.
@@ -43,9 +51,24 @@ int register_pairs(const PairsRequest& request);
 /// The same with pairs that are made already; `request.pairs` is not read.
 int register_pairs(const std::vector<Pair>& pairs, const PairsRequest& request);
 
-/// "pair 3 of 12, 45 %, 7:30 min left in all": how far a list is. `seconds_left` of the pair that runs and
-/// `seconds_a_pair`, the mean of those done by now, are negative while unknown.
-std::string list_progress(std::size_t number, std::size_t count, double fraction, double seconds_left,
-                          double seconds_a_pair);
+/// A pair that is being registered.
+struct RunningPair {
+  std::string name;
+  double fraction = 0;       ///< of its work that is done; never falls, though a stage may begin at 0
+  double seconds_left = -1;  ///< negative while unknown
+};
+
+/// How far a list is.
+struct ListProgress {
+  std::size_t count = 0;       ///< of all pairs
+  std::size_t done = 0;        ///< or failed
+  double seconds_a_pair = -1;  ///< mean of those done by now; negative while unknown
+  std::size_t jobs = 1;        ///< at the same time
+  std::vector<RunningPair> running;
+};
+
+/// "pair 3 of 12, 45 % of all, 7:30 min left in all" while one runs, and else "3 of 12 pairs done, 45 % of all, 7:30
+/// min left in all; a 40 %, b 10 %".
+std::string list_progress(const ListProgress& progress);
 
 }  // namespace saltus::cli

@@ -1,7 +1,6 @@
 #include "client/cli/registrar.h"
 
 #include "client/cli/interrupts.h"
-#include "client/cli/private_daemon.h"
 #include "client/cli/run_job.h"
 #include "core/support/errors.h"
 
@@ -10,62 +9,76 @@
 #include <iostream>
 #include <mutex>
 #include <optional>
+#include <vector>
 
 namespace saltus::cli {
 namespace {
 
-/// What an interrupt has to do depends on how far the command is: before there is a job, calls are cut off; while the
-/// job is being made, nothing, since the answer must not be lost; then the job is cancelled. A second interrupt, or a
-/// cancel that fails, cuts calls off.
-class InterruptibleJob {
+/// What an interrupt has to do depends on how far a job is: before there is one, calls are cut off; while the job is
+/// being made, nothing, since the answer must not be lost; then the job is cancelled. A second interrupt, or a cancel
+/// that fails, cuts calls off.
+class InterruptibleJobs {
  public:
-  InterruptibleJob() : interrupts_([this](int count) { on_interrupt(count); }) {}
+  /// A job from before it is made until it has ended.
+  struct Run {
+    std::stop_source stop;
+    std::optional<client::RegistrationClient> client;  ///< from the moment the job is being made; has no stop token
+    std::optional<std::string> id;
+  };
 
-  std::stop_token stop_token() const { return stop_.get_token(); }
+  InterruptibleJobs() : interrupts_([this](int count) { on_interrupt(count); }) {}
+
   bool is_interrupted() const { return interrupts_.count() > 0; }
 
-  /// Before the next job: what is interrupted now has no job to cancel.
-  void begin() {
+  /// Throws ClientError CANCELLED when interrupted already.
+  std::shared_ptr<Run> begin() {
     std::lock_guard lock(mutex_);
-    if (is_interrupted()) throw client::ClientError(grpc::StatusCode::CANCELLED, "STOPPED", "interrupted");
-    client_.reset();
-    id_.reset();
+    refuse_if_interrupted();
+    auto run = std::make_shared<Run>();
+    std::erase_if(runs_, [](const std::weak_ptr<Run>& one) { return one.expired(); });
+    runs_.push_back(run);
+    return run;
   }
 
-  v1::RegistrationJob create(const ServerChoice& server, const v1::RegistrationSpec& spec) {
+  v1::RegistrationJob create(Run& run, const ServerChoice& server, const v1::RegistrationSpec& spec) {
     {
       std::lock_guard lock(mutex_);
-      if (is_interrupted()) throw client::ClientError(grpc::StatusCode::CANCELLED, "STOPPED", "interrupted");
-      client_.emplace(call_settings(server));
+      refuse_if_interrupted();
+      run.client.emplace(call_settings(server));
     }
-    const v1::RegistrationJob job = client_->create(spec);
+    const v1::RegistrationJob job = run.client->create(spec);
     std::lock_guard lock(mutex_);
-    id_ = job.id();
-    if (is_interrupted()) cancel();
+    run.id = job.id();
+    if (is_interrupted()) cancel(run);
     return job;
   }
 
  private:
+  void refuse_if_interrupted() const {
+    if (is_interrupted()) throw client::ClientError(grpc::StatusCode::CANCELLED, "STOPPED", "interrupted");
+  }
   void on_interrupt(int count) {
     std::lock_guard lock(mutex_);
-    if (count > 1 || !client_)
-      stop_.request_stop();
-    else if (id_)
-      cancel();
+    for (const std::weak_ptr<Run>& one : runs_) {
+      const std::shared_ptr<Run> run = one.lock();
+      if (!run) continue;
+      if (count > 1 || !run->client)
+        run->stop.request_stop();
+      else if (run->id)
+        cancel(*run);
+    }
   }
-  void cancel() {
+  static void cancel(Run& run) {
     try {
-      client_->cancel(*id_);
+      run.client->cancel(*run.id);
     } catch (const client::ClientError& error) {
-      std::cerr << "saltus: job " << *id_ << " could not be cancelled: " << error.what() << std::endl;
-      stop_.request_stop();
+      std::cerr << "saltus: job " << *run.id << " could not be cancelled: " << error.what() << std::endl;
+      run.stop.request_stop();
     }
   }
 
   std::mutex mutex_;
-  std::stop_source stop_;
-  std::optional<client::RegistrationClient> client_;  ///< from the moment the job is being made; has no stop token
-  std::optional<std::string> id_;
+  std::vector<std::weak_ptr<Run>> runs_;
   Interrupts interrupts_;
 };
 
@@ -73,17 +86,17 @@ class InterruptibleJob {
 
 struct Registrar::Parts {
   // Made before the daemon and ended after it, so that no interrupt leaves its folder behind.
-  InterruptibleJob interruptible;
+  InterruptibleJobs interruptible;
   std::optional<PrivateDaemon> daemon;
   ServerChoice server;
   // Nobody restarts a private daemon: when it is gone, it stays away.
   std::chrono::milliseconds watch_patience = std::chrono::seconds(60);
 };
 
-Registrar::Registrar(ServerChoice server) : parts_(std::make_unique<Parts>()) {
+Registrar::Registrar(ServerChoice server, const PrivateDaemon::Work& work) : parts_(std::make_unique<Parts>()) {
   parts_->server = std::move(server);
   if (!parts_->server.address.empty()) return;
-  parts_->daemon.emplace();
+  parts_->daemon.emplace(work);
   parts_->server = {parts_->daemon->address(), {}, {}, {}};
   parts_->watch_patience = std::chrono::seconds(2);
 }
@@ -92,11 +105,10 @@ Registrar::~Registrar() = default;
 
 v1::RegistrationJob Registrar::run(const JobOptions& options, v1::RegistrationSpec spec,
                                    const std::filesystem::path& out, const Show& show) {
-  InterruptibleJob& interruptible = parts_->interruptible;
-  interruptible.begin();
-  client::RegistrationClient client(call_settings(parts_->server, interruptible.stop_token()));
+  const auto run = parts_->interruptible.begin();
+  client::RegistrationClient client(call_settings(parts_->server, run->stop.get_token()));
   upload_inputs(client, options, spec);
-  v1::RegistrationJob job = interruptible.create(parts_->server, spec);
+  v1::RegistrationJob job = parts_->interruptible.create(*run, parts_->server, spec);
   job = client.watch(job.id(), show, parts_->watch_patience);
   if (job.state() == v1::JOB_STATE_SUCCEEDED) fetch_artifacts(client, job, out);
   return job;

@@ -2,6 +2,7 @@
 
 #include "client/cli/connection.h"
 #include "client/cli/job_options.h"
+#include "client/cli/private_daemon.h"
 
 #include <filesystem>
 #include <functional>
@@ -9,13 +10,14 @@
 
 namespace saltus::cli {
 
-/// Runs registrations one after the other, on a server or, when no address is given, on a private daemon that lives as
-/// long as this object. Ctrl-C cancels the job that runs; later ones are not begun. One object at a time, since it
-/// holds the handlers of the interrupts.
+/// Runs registrations on a server or, when no address is given, on a private daemon that lives as long as this object.
+/// Ctrl-C cancels the jobs that run; later ones are not begun. One object at a time, since it holds the handlers of the
+/// interrupts; its `run` may be called by several threads at once.
 class Registrar {
  public:
-  /// Throws what PrivateDaemon and call_settings throw; ClientError CANCELLED when interrupted meanwhile.
-  explicit Registrar(ServerChoice server);
+  /// `work` is for the private daemon. Throws what PrivateDaemon and call_settings throw; ClientError CANCELLED when
+  /// interrupted meanwhile.
+  explicit Registrar(ServerChoice server, const PrivateDaemon::Work& work = {});
   ~Registrar();
   Registrar(const Registrar&) = delete;
   Registrar& operator=(const Registrar&) = delete;

@@ -5,7 +5,9 @@
 
 #include <CLI/CLI.hpp>
 
+#include <algorithm>
 #include <memory>
+#include <thread>
 
 namespace saltus::cli {
 namespace {
@@ -23,9 +25,12 @@ void add_common_options(CLI::App& command, StudyOptions& options, const std::str
   command.add_option("--data", options.data, data_meaning)->type_name("DIR")->check(CLI::ExistingDirectory);
   command.add_flag("--quick", options.request.is_quick,
                    "Small scenes or one pair: to see in a minute that all is well");
-  command.add_option("--threads", options.request.threads, "Threads of the solver; 0: as many as the server gives")
+  command.add_option("--threads", options.request.threads, "Threads of each run; CPU seconds mean most with one")
       ->type_name("N")
-      ->check(CLI::NonNegativeNumber);
+      ->check(CLI::NonNegativeNumber)
+      ->capture_default_str();
+  options.request.jobs = static_cast<int>(std::max(1u, std::thread::hardware_concurrency()));
+  add_jobs_option(command, options.request.jobs);
   command.add_option("--server", options.request.server.address, "Address of saltusd; without it a private one")
       ->type_name("ADDRESS");
   add_tls_options(command, options.request.server);

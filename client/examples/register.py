@@ -1,82 +1,33 @@
-"""Registers two numpy arrays by a saltus daemon, with grpcio alone.
+"""Registers two numpy arrays by a saltus daemon, with plain grpcio. Usage: register.py unix:/run/saltusd/socket
+Stubs, once: protoc -I PREFIX/share/saltus/proto --python_out=. --grpc_out=. --plugin=protoc-gen-grpc=$(which \
+grpc_python_plugin) saltus/v1/registration.proto"""
+import hashlib, sys
+import grpc, numpy
+from saltus.v1 import registration_pb2 as saltus, registration_pb2_grpc as services
 
-Make the stubs once, in a folder on PYTHONPATH:
-    protoc -I PREFIX/share/saltus/proto --python_out=. --grpc_out=. \\
-        --plugin=protoc-gen-grpc=$(which grpc_python_plugin) saltus/v1/registration.proto
-Usage: register.py ADDRESS      (unix:/run/saltusd/socket or host:port)
-"""
+channel = grpc.insecure_channel(sys.argv[1])
+jobs, blobs = services.RegistrationServiceStub(channel), services.BlobServiceStub(channel)
+END = b"ElementDataFile = LOCAL\n"
 
-import hashlib
-import sys
+def upload(image):  # an array [y, x], pixels of 1 mm, as a MetaImage; pieces have at most 2 MiB
+    content = ("ObjectType = Image\nNDims = 2\nBinaryData = True\nElementSpacing = 1 1\nDimSize = %d %d\n"
+               "ElementType = MET_FLOAT\n" % image.shape[::-1]).encode() + END + image.astype("<f4").tobytes()
+    digest = "sha256:" + hashlib.sha256(content).hexdigest()
+    pieces = (content[at:at + 2**21] for at in range(0, len(content), 2**21))
+    blobs.WriteBlob(saltus.WriteBlobRequest(data=piece, **({"digest": digest, "size": len(content)} if i == 0 else {}))
+                    for i, piece in enumerate(pieces))
+    return saltus.InputFile(digest=digest, format="mha")
 
-import grpc
-import numpy
-from saltus.v1 import registration_pb2 as saltus
-from saltus.v1 import registration_pb2_grpc as services
-
-
-def to_mha(image, spacing):
-    """An array [y, x] or [z, y, x] as a MetaImage. What comes first in the file runs fastest: x."""
-    axes = image.ndim
-    header = (f"ObjectType = Image\nNDims = {axes}\nBinaryData = True\nBinaryDataByteOrderMSB = False\n"
-              f"TransformMatrix = {' '.join(str(int(i == j)) for i in range(axes) for j in range(axes))}\n"
-              f"Offset = {' '.join(['0'] * axes)}\nElementSpacing = {' '.join(map(str, spacing))}\n"
-              f"DimSize = {' '.join(map(str, image.shape[::-1]))}\nElementType = MET_FLOAT\nElementDataFile = LOCAL\n")
-    return header.encode() + image.astype("<f4").tobytes()
-
-
-def from_mha(content):
-    """The voxels of an uncompressed MetaImage of floats, components last."""
-    end = content.index(b"ElementDataFile = LOCAL\n") + len(b"ElementDataFile = LOCAL\n")
-    fields = dict(line.split(" = ", 1) for line in content[:end].decode().strip().split("\n"))
-    size = [int(n) for n in fields["DimSize"].split()][::-1]
-    return numpy.frombuffer(content[end:], "<f4").reshape(size + [int(fields.get("ElementNumberOfChannels", 1))])
-
-
-class Service:
-
-    def __init__(self, address):
-        channel = grpc.insecure_channel(address)
-        self.jobs = services.RegistrationServiceStub(channel)
-        self.blobs = services.BlobServiceStub(channel)
-
-    def upload(self, content, file_format):
-        digest = "sha256:" + hashlib.sha256(content).hexdigest()
-
-        def requests():
-            yield saltus.WriteBlobRequest(digest=digest, size=len(content))
-            for at in range(0, len(content), 1 << 20):
-                yield saltus.WriteBlobRequest(data=content[at:at + (1 << 20)])
-
-        if self.blobs.FindMissingBlobs(saltus.FindMissingBlobsRequest(digests=[digest])).missing:
-            self.blobs.WriteBlob(requests())
-        return saltus.InputFile(digest=digest, format=file_format)
-
-    def download(self, artifact):
-        return b"".join(piece.data for piece in self.blobs.ReadBlob(saltus.ReadBlobRequest(digest=artifact.digest)))
-
-    def register(self, fixed, moving, **options):
-        """The job in its last state; options are fields of RegistrationSpec."""
-        spec = saltus.RegistrationSpec(fixed=fixed, moving=moving, output_format="mha", **options)
-        job = self.jobs.CreateRegistrationJob(saltus.CreateRegistrationJobRequest(spec=spec))
-        for event in self.jobs.WatchRegistrationJob(saltus.WatchRegistrationJobRequest(id=job.id)):
-            job = event.job
-        if job.state != saltus.JOB_STATE_SUCCEEDED:
-            raise RuntimeError(f"{job.failure.reason}: {job.failure.message}")
-        return {artifact.name: artifact for artifact in job.artifacts}
-
-
-def main():
-    service = Service(sys.argv[1])
-    # Two blobs; in the moving image they lie 3 mm farther along x, so that is what the displacement should be.
-    y, x = numpy.mgrid[0:48, 0:48].astype(float)
-    scene = lambda shift: sum(numpy.exp(-((x - cx - shift)**2 + (y - cy)**2) / 60) for cx, cy in ((16, 18), (30, 28)))
-    fixed, moving = (service.upload(to_mha(scene(shift), (1, 1)), "mha") for shift in (0, 3))
-    files = service.register(fixed, moving, model="gaussian", similarity="ssd", preset="fast",
-                             settings={"regularisation": "0.0001"})
-    displacement = from_mha(service.download(files["displacement.mha"]))
-    print("displacement at the first blob:", displacement[18, 16])
-
-
-if __name__ == "__main__":
-    main()
+# Two blobs; in the moving image they lie 3 mm farther along x, so that is what the displacement should be.
+y, x = numpy.mgrid[0:48, 0:48]
+scene = lambda shift: sum(numpy.exp(-((x - cx - shift)**2 + (y - cy)**2) / 60) for cx, cy in ((16, 18), (30, 28)))
+spec = saltus.RegistrationSpec(fixed=upload(scene(0)), moving=upload(scene(3)), output_format="mha", model="gaussian",
+                               similarity="ssd", preset="fast", settings={"regularisation": "0.0001"})
+job = jobs.CreateRegistrationJob(saltus.CreateRegistrationJobRequest(spec=spec))
+for event in jobs.WatchRegistrationJob(saltus.WatchRegistrationJobRequest(id=job.id)):
+    job = event.job  # state and progress; the stream ends with the job
+assert job.state == saltus.JOB_STATE_SUCCEEDED, job.failure.message
+digest = next(artifact.digest for artifact in job.artifacts if artifact.name == "displacement.mha")
+content = b"".join(piece.data for piece in blobs.ReadBlob(saltus.ReadBlobRequest(digest=digest)))
+displacement = numpy.frombuffer(content.split(END, 1)[1], "<f4").reshape(48, 48, 2)  # mm, x first
+print("displacement at the first blob:", displacement[18, 16])

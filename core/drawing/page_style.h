@@ -45,6 +45,7 @@ img.pixels { image-rendering: pixelated; }
 .overlay { position: absolute; inset: 0; width: 100%; height: 100%; overflow: hidden; }
 .overlay path { fill: none; stroke-width: 1.1; stroke-linecap: round; vector-effect: non-scaling-stroke; }
 .lines path { stroke: #ffd23e; stroke-opacity: .85; } .arrows path { stroke: #fff; stroke-width: 1.3; filter: drop-shadow(0 0 1px #0008); }
+.landmarks { stroke: #ffd23e; } .landmarks circle { fill: none; stroke-width: 1.6; vector-effect: non-scaling-stroke; } .landmarks .dot { fill: inherit; stroke: none; } .landmarks path { stroke-width: 1.8; }
 .interface path { stroke-width: 2.4; } .interface .face { stroke: none; fill-opacity: .35; }
 .plane { color: var(--soft); font-size: 12px; text-align: center; margin-top: 3px; }
 .side { position: absolute; font-size: 11px; line-height: 1; color: #fff; background: #0009; border-radius: 3px; padding: 2px 3px; }
@@ -84,12 +85,17 @@ th:first-child, td:first-child { text-align: left; padding-left: 0; }
 .settings td:last-child { white-space: normal; text-align: left; color: var(--soft); } .settings th:last-child { text-align: left; }
 .inputs td:last-child { white-space: normal; overflow-wrap: anywhere; font-size: 11.5px; color: var(--soft); min-width: 180px; }
 footer { margin-top: 40px; color: var(--soft); font-size: 12.5px; }
+@media (max-width: 700px) {
+  main { padding: 18px 14px 40px; } .panels { flex-wrap: wrap; } .panels > div { flex: 1 1 100% !important; }
+  .cards { grid-template-columns: repeat(2, minmax(0, 1fr)); } .card .value { font-size: 18px; } }
 @media print {
   #viewer, details { display: none; }
   :root { color-scheme: light; --back: #fff; --card: #fff; --ink: #000; --soft: #444; --line: #bbb;
           --c0: #1f5fa8; --c1: #c2541b; --c2: #3f8f4f; --c3: #8a4fa3; }
   body { font-size: 10.5pt; } main { max-width: none; padding: 0; }
-  h2 { break-after: avoid; } tr, .card { break-inside: avoid; }
+  h2, h3, h2 + p, h3 + p { break-after: avoid; } h2 { margin-top: 22px; } tr, .card, .findings li { break-inside: avoid; }
+  .scroll { overflow: visible; } table { font-size: 8pt; } th, td { padding: 2px 5px; white-space: normal; overflow-wrap: anywhere; }
+  .inputs td:last-child { font-size: 6.5pt; } .wide.gallery { display: block; } .wide.gallery figure { margin-bottom: 18px; }
   * { print-color-adjust: exact; -webkit-print-color-adjust: exact; } }
 )css";
 

@@ -84,5 +84,57 @@ TEST_F(ListOfPairs, DoesTheOthersWhenOneFails) {
   EXPECT_THAT(outcome.err, HasSubstr("1 of 2 pairs failed"));
 }
 
+TEST_F(ListOfPairs, RunsSideBySideAgainstOneDaemon) {
+  folder.write("pairs.csv",
+               "name,fixed,moving\none,fixed.mha,moving.mha\ntwo,moving.mha,fixed.mha\nthree,fixed.mha,moving.mha\n");
+  auto command = list();
+  command.insert(command.end(), {"--jobs", "3"});
+  const Outcome first = run(command);
+  ASSERT_EQ(first.exit_code, 0) << first.err;
+  EXPECT_THAT(first.err, HasSubstr("2 of 3 pairs done"));
+  EXPECT_THAT(first.out, HasSubstr("3 of 3 pairs done"));
+  EXPECT_TRUE(std::filesystem::is_empty(folder / "tmp"));
+  // How many run at once changes no result, nor what counts as done.
+  expect_shift(folder / "out" / "one" / "displacement.mha");
+  EXPECT_EQ(content_of(folder / "out" / "one" / "displacement.mha"),
+            content_of(folder / "out" / "three" / "displacement.mha"));
+  const Outcome again = run(list());
+  EXPECT_EQ(again.exit_code, 0) << again.err;
+  EXPECT_THAT(again.err, HasSubstr("3 of 3 pairs are done already"));
+}
+
+TEST_F(ListOfPairs, SideBySideGoesOnAfterAnInterruption) {
+  auto command = list(of_some_seconds());
+  command.insert(command.end(), {"--jobs", "2"});
+  ChildProcess child = start(command);
+  child.wait_for_output("0 of 2 pairs done");
+  child.signal(SIGINT);
+  EXPECT_EQ(child.wait(), 4) << child.err();
+  EXPECT_TRUE(std::filesystem::is_empty(folder / "tmp"));
+  const Outcome rest = run(command);
+  EXPECT_EQ(rest.exit_code, 0) << rest.err;
+  for (const char* name : {"one", "two"}) EXPECT_TRUE(std::filesystem::exists(folder / "out" / name / "report.json"));
+}
+
+TEST_F(ListOfPairs, SideBySideDoesTheOthersWhenOneFails) {
+  write_volume(folder / "mask.mha", blob_scene(20, 0));
+  folder.write("pairs.csv",
+               "name,fixed,moving,fixed_mask\nbad,fixed.mha,moving.mha,mask.mha\ngood,fixed.mha,moving.mha,\n");
+  auto command = list();
+  command.insert(command.end(), {"--jobs", "2"});
+  const Outcome outcome = run(command);
+  EXPECT_EQ(outcome.exit_code, 1);
+  EXPECT_THAT(outcome.err, HasSubstr("1 of 2 pairs failed"));
+  EXPECT_TRUE(std::filesystem::exists(folder / "out" / "good" / "report.json"));
+  EXPECT_THAT(content_of(folder / "out" / "summary.csv"), HasSubstr("bad,failed,"));
+}
+
+TEST_F(ListOfPairs, OnePairHasNoJobs) {
+  const Outcome outcome = run({"register", "--fixed", folder / "fixed.mha", "--moving", folder / "moving.mha", "--out",
+                               folder / "out", "--jobs", "2"});
+  EXPECT_EQ(outcome.exit_code, 2);
+  EXPECT_THAT(outcome.err, HasSubstr("--jobs is given without --pairs"));
+}
+
 }  // namespace
 }  // namespace saltus

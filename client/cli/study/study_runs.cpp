@@ -11,13 +11,6 @@ namespace saltus::cli {
 
 namespace fs = std::filesystem;
 
-std::vector<std::string> comparable_models() {
-  std::vector<std::string> names;
-  for (Model model : all_models())
-    if (model != Model::Directional) names.push_back(to_string(model));
-  return names;
-}
-
 fs::path run_folder(const StudyRequest& request, const std::string& name) { return request.out / "runs" / name; }
 
 int run_all(const StudyRequest& request, const std::vector<Pair>& pairs) {
@@ -25,6 +18,7 @@ int run_all(const StudyRequest& request, const std::vector<Pair>& pairs) {
   PairsRequest list;
   list.server = request.server;
   list.out = request.out / "runs";
+  list.jobs = request.jobs;
   list.output = PairsOutput::Silent;
   return register_pairs(pairs, list);
 }

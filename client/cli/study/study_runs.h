@@ -18,13 +18,10 @@ struct StudyRequest {
   std::filesystem::path data;                ///< a folder with paper2d and liver_mri; empty: none
   bool is_quick = false;                     ///< small scenes and little work: to see that all is well
   std::vector<std::string> models, presets;  ///< of the liver study
-  int threads = 0;
+  int threads = 1;                           ///< of a run: CPU seconds of several threads are not comparable
+  int jobs = 1;                              ///< runs at the same time
   ServerChoice server;
 };
-
-/// The models that can run on any pair, as the command line names them: all but `directional`, which needs to be told
-/// along which direction motion jumps. The newest stands last.
-std::vector<std::string> comparable_models();
 
 /// The folder of a run below a study's.
 std::filesystem::path run_folder(const StudyRequest& request, const std::string& name);

@@ -5,6 +5,7 @@
 #include "core/drawing/markup.h"
 #include "core/drawing/overlay_lines.h"
 #include "server/worker/report/interface_paths.h"
+#include "server/worker/report/landmark_marks.h"
 #include "server/worker/report/panels.h"
 #include "server/worker/report/pictures.h"
 #include "server/worker/report/viewer.h"
@@ -12,6 +13,7 @@
 #include <algorithm>
 #include <cmath>
 #include <sstream>
+#include <utility>
 
 namespace saltus::report {
 
@@ -36,7 +38,8 @@ class Figures {
     return viewer_section(input_, pictures_, panels_.planes()) + "<section><h2>Images</h2>" + where() +
            Panels<Dim>::gallery(images(), GalleryWidth::Whole) + "</section>\n<section><h2>Match</h2>" +
            Panels<Dim>::gallery(match(), GalleryWidth::Whole) + "</section>\n<section><h2>Deformation</h2>" +
-           Panels<Dim>::gallery(deformation(), GalleryWidth::Whole) + "</section>\n" + sliding_section();
+           Panels<Dim>::gallery(deformation(), GalleryWidth::Whole) + "</section>\n" + landmark_part() +
+           sliding_section();
   }
 
  private:
@@ -107,6 +110,40 @@ class Figures {
     const double range = pictures_.jacobian_range();
     return colour_bar([](double t) { return diverging(2 * t - 1); }, {number(1 / range), "1", number(range)},
                       "det D(x + u), logarithmic");
+  }
+
+  std::string landmark_part() const {
+    if (!analysis_.landmarks) return "";
+    const Statistics after = summarise(analysis_.landmarks->after);
+    const double most = after.max > 0 ? after.max : 1;
+    std::size_t shown = 0;
+    const auto over = [&shown](const SlicePlane<Dim>& plane, const LandmarkMarks& marks) {
+      shown += marks.shown;
+      return Panels<Dim>::overlay(plane, "landmarks", marks.svg);
+    };
+    const std::string fixed =
+        panels_.figure("Landmarks of the fixed image", "rings", [&](const SlicePlane<Dim>& plane) {
+          return Panels<Dim>::image(plane, pictures_.fixed(plane), "Fixed, with landmarks") +
+                 over(plane, fixed_landmark_marks(input_, plane));
+        });
+    const std::string carried = panels_.figure(
+        "Where they are carried",
+        "over the moving image; ring: its landmark, dot: where x + u(x) leads, line: the error",
+        [&](const SlicePlane<Dim>& plane) {
+          return Panels<Dim>::image(plane, pictures_.moving(plane), "Moving, with landmarks") +
+                 over(plane, carried_landmark_marks(input_, plane, most));
+        },
+        colour_bar(interface_colour, {"0", number(most / 2), number(most)}, "mm"));
+    std::string text = "<section><h2>Landmarks over the images</h2>";
+    if (Dim == 3) {
+      text += "<p>Those near each slice, up to";
+      std::string separator = " ";
+      for (const SlicePlane<Dim>& plane : panels_.planes())
+        text += std::exchange(separator, ", ") + number(landmark_reach_mm(input_.input->fixed.grid, plane), 2) +
+                " mm (" + plane.name + ")";
+      text += shown == 0 ? ": there are none.</p>" : ".</p>";
+    }
+    return text + Panels<Dim>::gallery({fixed, carried}, GalleryWidth::Whole) + "</section>\n";
   }
 
   std::string sliding_section() const {

@@ -142,9 +142,12 @@ template <int Dim>
 std::string viewer_section(const ReportInput<Dim>& input, const Pictures<Dim>& pictures,
                            const std::vector<SlicePlane<Dim>>& planes) {
   const ThinnedVolumes<Dim> thinned(input.input->fixed.grid);
-  std::string html = std::string("<section id=\"viewer\"") + (Dim == 2 ? " class=\"flat-viewer\"" : "") +
-                     " hidden data-geometry=\"" + escaped(geometry(input, pictures, planes, thinned).dump()) +
-                     "\"><h2>Look at it</h2>\n";
+  std::string html =
+      "<noscript><p>Scripts are off, so there is nothing to slide or flicker here; the pictures below show the same in "
+      "fixed slices.</p></noscript>\n";
+  html += std::string("<section id=\"viewer\"") + (Dim == 2 ? " class=\"flat-viewer\"" : "") +
+          " hidden data-geometry=\"" + escaped(geometry(input, pictures, planes, thinned).dump()) +
+          "\"><h2>Look at it</h2>\n";
   const auto scaled = [](double share) { return 255 * share; };
   html += volume_image("fixed", thinned.atlas([&](const auto& at) { return scaled(pictures.fixed_at(at)); }));
   html += volume_image("moving", thinned.atlas([&](const auto& at) { return scaled(pictures.moving_at(at)); }));

@@ -65,9 +65,17 @@ TEST_F(ReadPairs, NamesTheLineThatCannotBeMeant) {
 }
 
 TEST(ListProgress, CountsPairsAndTime) {
-  EXPECT_EQ(list_progress(1, 4, 0.5, 30, -1), "pair 1 of 4, 13 % of all");
-  EXPECT_EQ(list_progress(3, 4, 0.5, 30, 100), "pair 3 of 4, 63 % of all, 2:10 min left in all");
-  EXPECT_EQ(list_progress(4, 4, 0.25, -1, 100), "pair 4 of 4, 81 % of all, 1:15 min left in all");
+  EXPECT_EQ(list_progress({4, 0, -1, 1, {{"a", 0.5, 30}}}), "pair 1 of 4, 13 % of all");
+  EXPECT_EQ(list_progress({4, 2, 100, 1, {{"c", 0.5, 30}}}), "pair 3 of 4, 63 % of all, 2:10 min left in all");
+  EXPECT_EQ(list_progress({4, 3, 100, 1, {{"d", 0.25, -1}}}), "pair 4 of 4, 81 % of all, 1:15 min left in all");
+}
+
+TEST(ListProgress, CountsPairsThatRunSideBySide) {
+  EXPECT_EQ(list_progress({8, 1, -1, 2, {{"b", 0.5, 30}, {"c", 0.1, -1}}}),
+            "1 of 8 pairs done, 20 % of all; b 50 %, c 10 %");
+  // 90 s for the slower one of the two that run, then four more of 100 s, two at a time.
+  EXPECT_EQ(list_progress({8, 2, 100, 2, {{"b", 0.5, 30}, {"c", 0.1, -1}}}),
+            "2 of 8 pairs done, 33 % of all, 4:50 min left in all; b 50 %, c 10 %");
 }
 
 }  // namespace

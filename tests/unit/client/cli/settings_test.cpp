@@ -8,7 +8,6 @@
 
 #include <cstdlib>
 #include <filesystem>
-#include <map>
 #include <sstream>
 
 namespace saltus::cli {
@@ -73,6 +72,29 @@ TEST_F(Settings, ComeFromAFile) {
   EXPECT_EQ(first_order_scales({"register"}), "0");
 }
 
+TEST_F(Settings, ComeFromTheCommandLineBeforeTheEnvironmentBeforeAFile) {
+  const std::string file = folder.write(
+      "saltus.toml", "[register]\nmodel = \"gaussian\"\nset = [\"help\"]\n[submit]\nmodel = \"gaussian\"\n");
+  set("SALTUS_CONFIG", file);
+  EXPECT_EQ(first_order_scales({"register"}), "0");
+  set("SALTUS_MODEL", "wendland1");
+  EXPECT_EQ(first_order_scales({"register"}), "8");
+  EXPECT_EQ(first_order_scales({"register", "--model", "sliding"}), "1");
+  // What the environment leaves open still comes from the file: here that --set help is asked for.
+  EXPECT_THAT(run({"register"}).out, HasSubstr("first_order_scales"));
+  // A variable that is set to nothing says nothing.
+  set("SALTUS_MODEL", "");
+  EXPECT_EQ(first_order_scales({"register"}), "0");
+}
+
+TEST_F(Settings, OfNestedCommandsComeInTheSameOrder) {
+  const std::string file = folder.write("saltus.toml", "[server.info]\nserver = \"of the file\"\n");
+  EXPECT_THAT(run({"--config", file, "server", "info"}).err, HasSubstr("of the file"));
+  set("SALTUS_SERVER", "of the environment");
+  EXPECT_THAT(run({"--config", file, "server", "info"}).err, HasSubstr("of the environment"));
+  EXPECT_THAT(run({"--config", file, "server", "info", "--server", "of the line"}).err, HasSubstr("of the line"));
+}
+
 TEST_F(Settings, RefuseAFileThatIsNotThereOrHasWhatNobodyKnows) {
   EXPECT_EQ(run({"register", "--config", folder / "no.toml", "--set", "help"}).exit_code, Usage);
   const std::string unknown = folder.write("saltus.toml", "[register]\nmodle = \"gaussian\"\n");
@@ -122,14 +144,40 @@ TEST_F(Settings, AreWrittenForOtherShellsInTheirGrammar) {
   EXPECT_THAT(zsh, AllOf(HasSubstr("#compdef saltus"), HasSubstr("(gaussian wendland wendland1 directional sliding)")));
   EXPECT_THAT(fish, HasSubstr("-l preset -x -a 'fast balanced accurate'"));
   EXPECT_EQ(run({"completion", "csh"}).exit_code, Usage);
-  // The shells themselves say whether it is theirs, where there are any.
-  const std::map<std::string, std::pair<std::string, std::string>> shells{{"zsh", {zsh, "-n"}},
-                                                                          {"fish", {fish, "--no-execute"}}};
-  for (const auto& [name, script] : shells) {
-    if (program(name).empty()) continue;
-    ChildProcess shell({program(name), script.second, folder.write("saltus." + name, script.first)});
-    EXPECT_EQ(shell.wait(), 0) << shell.err();
-  }
+}
+
+TEST_F(Settings, AreCompletedByFish) {
+  if (program("fish").empty()) GTEST_SKIP() << "there is no fish on this machine";
+  const std::string script = folder.write("saltus.fish", run({"completion", "fish"}).out);
+  const auto offered_by_fish = [&](const std::string& words) {
+    ChildProcess fish({program("fish"), "--no-config", "-c", "source '" + script + "'; complete -C '" + words + "'"});
+    EXPECT_EQ(fish.wait(), 0) << fish.err();
+    EXPECT_EQ(fish.err(), "");
+    return "\n" + fish.out();
+  };
+  EXPECT_THAT(offered_by_fish("saltus reg"), HasSubstr("\nregister\t"));
+  EXPECT_THAT(offered_by_fish("saltus register --preset "), AllOf(HasSubstr("fast"), HasSubstr("accurate")));
+  EXPECT_THAT(offered_by_fish("saltus register --points-sp"), HasSubstr("--points-space"));
+  EXPECT_THAT(offered_by_fish("saltus study "), AllOf(HasSubstr("paper"), HasSubstr("liver")));
+}
+
+TEST_F(Settings, AreCompletedByZsh) {
+  if (program("zsh").empty()) GTEST_SKIP() << "there is no zsh on this machine";
+  folder.write("_saltus", run({"completion", "zsh"}).out);
+  // Completion belongs to the line editor, so one zsh types into the terminal of another, and reads until it has seen
+  // what must come.
+  const std::string script =
+      "zmodload zsh/zpty; zpty inner zsh -f -i\n"
+      "zpty -w inner \"PS1=; fpath=('" +
+      folder.path().string() +
+      "' \\$fpath); autoload -Uz compinit; compinit -u -D; print ready-\\$((1+1))\"\n"
+      "zpty -r -m inner all '*ready-2*'\n"
+      "zpty -n -w inner 'saltus reg'$'\\t'; zpty -r -m inner all '*saltus reg*ister*' || exit 1\n"
+      "zpty -n -w inner $'\\x15''saltus register --preset acc'$'\\t'; zpty -r -m inner all '*preset acc*urate*' || "
+      "exit 2\n"
+      "zpty -d inner\n";
+  ChildProcess zsh({program("timeout"), "60", program("zsh"), "-f", folder.write("typed.zsh", script)});
+  EXPECT_EQ(zsh.wait(), 0) << zsh.err();
 }
 
 TEST_F(Settings, StandInTheManual) {
