@@ -92,6 +92,7 @@ int run_command_line(int argument_count, const char* const* arguments) {
       "Options can also stand in a file (--config) and in the environment (SALTUS_MODEL for --model).\n"
       "Exit codes: 0 done, 1 failed, 2 usage, 3 server not reachable, 4 cancelled.\n"
       "Examples:\n"
+      "  saltus register --fixed exhale.nii.gz --moving inhale.nii.gz --out result    # then open result/report.html\n"
       "  saltus phantom slip --angle 30 --out scene\n"
       "  saltus register --fixed scene/fixed.mha --moving scene/moving.mha --out result\n"
       "  saltus evaluate --transform result --truth scene/truth.mha --mask scene/mask_valid.mha");
@@ -99,6 +100,10 @@ int run_command_line(int argument_count, const char* const* arguments) {
     use_settings(app, argument_count, arguments);
     app.parse(argument_count, arguments);
     return exit_code;
+  } catch (const CLI::ExtrasError& error) {
+    app.exit(error);
+    std::cerr << "What a command works on is named by options, such as --fixed A --moving B --out DIR." << std::endl;
+    return Usage;
   } catch (const CLI::ParseError& error) {
     return app.exit(error) == 0 ? Done : Usage;
   } catch (const InvalidInput& error) {

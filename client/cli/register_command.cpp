@@ -49,7 +49,8 @@ int register_one(const RegisterOptions& options) {
     if (options.as_json)
       std::cout << nlohmann::json{{"job", job_json(job)}, {"report", report}}.dump(2) << std::endl;
     else
-      std::cout << report_summary(report) << "written to " << options.out << std::endl;
+      std::cout << report_summary(report) << "written to " << options.out << "; look at "
+                << (std::filesystem::path(options.out) / "report.html").string() << std::endl;
     return Done;
   } catch (const client::ClientError& error) {
     if (!registrar || !registrar->is_interrupted() || error.code() != grpc::StatusCode::CANCELLED) throw;

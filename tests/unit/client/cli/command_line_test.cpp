@@ -32,6 +32,12 @@ TEST_F(CommandLine, HelpsEverywhere) {
   }
 }
 
+TEST_F(CommandLine, SaysHowFilesAreNamed) {
+  const Outcome outcome = run({"register", "exhale.nii.gz", "inhale.nii.gz"});
+  EXPECT_EQ(outcome.exit_code, Usage);
+  EXPECT_THAT(outcome.err, HasSubstr("--fixed A --moving B --out DIR"));
+}
+
 TEST_F(CommandLine, HelpsAdministrators) {
   for (const char* command : {"info", "drain", "gc", "fsck"}) {
     const Outcome outcome = run({"server", command, "--help"});
