@@ -93,8 +93,8 @@ footer { margin-top: 40px; color: var(--soft); font-size: 12.5px; }
   :root { color-scheme: light; --back: #fff; --card: #fff; --ink: #000; --soft: #444; --line: #bbb;
           --c0: #1f5fa8; --c1: #c2541b; --c2: #3f8f4f; --c3: #8a4fa3; }
   body { font-size: 10.5pt; } main { max-width: none; padding: 0; }
-  h2, h3, h2 + p, h3 + p { break-after: avoid; } h2 { margin-top: 22px; } tr, .card, .findings li { break-inside: avoid; }
-  .scroll { overflow: visible; } table { font-size: 8pt; } th, td { padding: 2px 5px; white-space: normal; overflow-wrap: anywhere; }
+  h2, h3, h2 + p, h3 + p { break-after: avoid; } h2 { margin-top: 22px; } tr, p, .card, .findings li, .columns { break-inside: avoid; }
+  .scroll { overflow: visible; } table { font-size: 7.5pt; } th, td { padding: 2px 4px; white-space: normal; }
   .inputs td:last-child { font-size: 6.5pt; } .wide.gallery { display: block; } .wide.gallery figure { margin-bottom: 18px; }
   * { print-color-adjust: exact; -webkit-print-color-adjust: exact; } }
 )css";
