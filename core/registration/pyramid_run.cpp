@@ -179,7 +179,8 @@ void PyramidRun<Dim>::make_objective(const SparsityRound& round) {
                                    level_.spacing_mm),
       options_.momenta.sparsity, flow);
   if (options_.momenta.shear_only) objective_->keep_shear_only();
-  objective_->set_active_blocks(reached_.active_blocks);  // finer scales begin with none
+  // Finer scales begin with none, and where order 0 is alone nothing has any.
+  objective_->set_active_blocks(smooth ? std::vector<std::vector<std::uint32_t>>{} : reached_.active_blocks);
   objective_->on_work([this](double share) { count_work(share); });
 }
 

@@ -61,9 +61,10 @@ class EndToEnd : public testing::Test {
             "--set", "time_steps=16", "--set", "max_iterations=30"};
   }
   static std::vector<std::string> of_minutes() {
-    return {"--set", "tolerance=0",   "--set", "optimality_tolerance=0",
-            "--set", "time_steps=64", "--set", "max_iterations=10000",
-            "--set", "levels=1",      "--set", "width_voxels=64"};
+    return {"--model", "sliding",         "--set", "coarsening=0",
+            "--set",   "tolerance=0",     "--set", "time_steps=64",
+            "--set",   "levels=1",        "--set", "optimality_tolerance=0",
+            "--set",   "width_voxels=64", "--set", "max_iterations=10000"};
   }
 
   // Oracle: the scene was moved by (shift, 0) mm.

@@ -73,6 +73,17 @@ TEST(AutoModel, IsSlidingThatAsksFirst) {
   EXPECT_EQ(asked_nothing.evaluations, sliding.evaluations);
 }
 
+// Blocks may have been asked for on the coarser level without one joining: the finer one begins with order 0 alone.
+TEST(AutoModel, BeginsSmoothAgainWhereNoBlockHasJoined) {
+  RegistrationOptions options = default_options(Model::Sliding, SimilarityType::Lncc, Preset::Balanced);
+  options.momenta.first_order_scales = 2;
+  options.momenta.sparsity = 1e6;
+  const Outcome found = outcome_of(make_phantom<2>(default_phantom_options(PhantomKind::Smooth)), options);
+  options.momenta.first_order_scales = 0;
+  const Outcome without = outcome_of(make_phantom<2>(default_phantom_options(PhantomKind::Smooth)), options);
+  EXPECT_LT(found.error_mm, 1.02 * without.error_mm);
+}
+
 TEST(AutoModel, DoesNotAskOfDirections) {
   RegistrationOptions options = default_options(Model::Directional, SimilarityType::Ssd, Preset::Balanced);
   options.momenta.first_order_gain = 1;
