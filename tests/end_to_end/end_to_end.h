@@ -57,8 +57,8 @@ class EndToEnd : public testing::Test {
     return {"--model", "gaussian", "--similarity", "ssd", "--set", "regularisation=0.0001"};
   }
   static std::vector<std::string> of_some_seconds() {
-    return {"--set", "tolerance=0",   "--set", "optimality_tolerance=0",
-            "--set", "time_steps=16", "--set", "max_iterations=30"};
+    return {"--model", "sliding",       "--set", "coarsening=0",           "--set", "tolerance=0",
+            "--set",   "time_steps=16", "--set", "optimality_tolerance=0", "--set", "max_iterations=30"};
   }
   static std::vector<std::string> of_minutes() {
     return {"--model", "sliding",         "--set", "coarsening=0",

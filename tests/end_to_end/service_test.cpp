@@ -192,8 +192,8 @@ class CheckpointTest : public ServerTest {
     }
   }
   std::vector<std::string> long_enough() const {
-    return {"--set", "tolerance=0",   "--set", "optimality_tolerance=0",
-            "--set", "time_steps=32", "--set", "max_iterations=30"};
+    return {"--model", "sliding",       "--set", "coarsening=0",           "--set", "tolerance=0",
+            "--set",   "time_steps=32", "--set", "optimality_tolerance=0", "--set", "max_iterations=30"};
   }
 };
 

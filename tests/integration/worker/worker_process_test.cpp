@@ -52,6 +52,8 @@ class WorkerProcess : public testing::Test {
   }
   void make_it_last() {
     auto& settings = *service.terms.mutable_spec()->mutable_settings();
+    service.terms.mutable_spec()->set_model("sliding");
+    settings["coarsening"] = "0";
     settings["max_iterations"] = "10000";
     settings["levels"] = "1";
     settings["time_steps"] = "64";
