@@ -63,6 +63,7 @@ JobManager::JobManager(JobStore& store, BlobCatalog& blobs, Launcher& launcher, 
     : store_(store),
       blobs_(blobs),
       launcher_(launcher),
+      is_batch_system_(launcher.is_batch_system()),
       clock_(clock),
       ids_(ids),
       settings_(settings),
@@ -260,9 +261,10 @@ JobView JobManager::view(const JobRecord& job) {
     if (const auto found = progress_.find(job.id); found != progress_.end()) view.progress = found->second;
   if (job.state != JobState::Queued) return view;
   const WallTime now = clock_.wall();
-  view.queue_position = waiting_.position(job.id, now);
+  // One that waits in no list any more has been picked, and is about to start.
+  view.queue_position = std::max(1, waiting_.position(job.id, now));
   const auto typical = durations_.typical();
-  if (!typical || view.queue_position == 0) return view;
+  if (!typical) return view;
   std::vector<WallTime> running;
   for (const auto& [key, began] : running_) running.push_back(began);
   const WallTime start = estimate_start(view.queue_position, std::move(running),

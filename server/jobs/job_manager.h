@@ -188,6 +188,7 @@ class JobManager {
   struct Pick {
     WaitingJob job;
     std::optional<Takers::value_type> taker;  ///< nothing: the launcher
+    std::string process;                      ///< what the launcher will call it
     std::optional<JobQueue::Taken> taken;
     AttemptKey key() const { return {job.id, job.attempt + 1}; }
   };
@@ -207,6 +208,8 @@ class JobManager {
   JobStore& store_;
   BlobCatalog& blobs_;
   Launcher& launcher_;
+  /// What the store tells of its last writes when the daemon ends must not need the launcher, which is gone by then.
+  const bool is_batch_system_;
   const Clock& clock_;
   IdSource& ids_;
   const ManagerSettings settings_;

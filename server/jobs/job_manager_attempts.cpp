@@ -324,7 +324,7 @@ std::optional<JobManager::Pick> JobManager::choose() {
   if (budget_.fits({0, 0})) {
     const auto job = next([this](const Demand& demand) { return budget_.fits(demand) ? Fit::Yes : Fit::NotNow; });
     if (job) {
-      Pick pick{*job, {}, {}};
+      Pick pick{*job, {}, {}, {}};
       budget_.take(pick.key(), job->demand);
       return pick;
     }
@@ -339,7 +339,7 @@ std::optional<JobManager::Pick> JobManager::choose() {
       in_vain.insert(offer);
       continue;
     }
-    Pick pick{*job, *it, {}};
+    Pick pick{*job, *it, {}, {}};
     takers_.erase(it);
     return pick;
   }
@@ -362,7 +362,7 @@ void JobManager::start(const Pick& pick) {
     remote_.insert(key);
     return;
   }
-  if (launcher_.is_batch_system()) {
+  if (is_batch_system_) {
     leases_.grant_waiting(key, job.token_hash, now, job.limits);
     progress_[job.id].stage = JobStage::Waiting;
   } else {
@@ -379,6 +379,7 @@ void JobManager::dispatch() {
     while (picks->size() < kMostPicks) {
       auto pick = choose();
       if (!pick) break;
+      if (!pick->taker) pick->process = launcher_.name_of(pick->key());
       picks->push_back(*std::move(pick));
     }
     if (picks->empty()) return;
@@ -387,9 +388,7 @@ void JobManager::dispatch() {
   store_.write(
       [this, picks](JobTable& table) {
         for (Pick& pick : *picks)
-          pick.taken = queue_.start(table, pick.job.id, [&](const AttemptKey& key) {
-            return pick.taker ? std::string() : launcher_.name_of(key);
-          });
+          pick.taken = queue_.start(table, pick.job.id, [&](const AttemptKey&) { return pick.process; });
       },
       [this, picks](std::exception_ptr error) {
         std::vector<AttemptKey> abandoned;
