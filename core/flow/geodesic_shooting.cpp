@@ -68,6 +68,8 @@ GeodesicShooting<Dim, T>::GeodesicShooting(std::vector<MomentumScale<Dim, T>*> s
     state.zeroth.resize(scale->field_size());
     if (scale->has_first_order()) state.first.resize(Dim * scale->field_size());
     state.velocity.resize(scale->field_size());
+    if (scale->oriented())
+      state.oriented = std::make_unique<OrientedFlow<Dim, T>>(*scale->oriented(), velocity_lattice, time_steps);
     states_.push_back(std::move(state));
   }
   velocities_.assign(nodes(), Field<T>(Dim * velocity_lattice.sites()));
@@ -174,8 +176,12 @@ void GeodesicShooting<Dim, T>::shoot(const std::vector<MomentumPointers<T>>& mom
     Field<T>& velocity = velocities_[end_of_step(k)];
     std::fill(velocity.begin(), velocity.end(), T(0));
   }
-  for (std::size_t s = 0; s < states_.size(); ++s)
+  for (std::size_t s = 0; s < states_.size(); ++s) {
     add_velocity(states_[s], momenta[s].zeroth, momenta[s].first, at_start(s, momenta_of(s)), velocities_[0]);
+    if (!states_[s].oriented) continue;
+    states_[s].oriented->begin(momenta[s].elements, momenta[s].oriented);
+    states_[s].oriented->add_velocity(0, velocities_[0].data());
+  }
   finish_velocity(velocities_[0]);
 
   for (int k = 0; k < time_steps_; ++k) {
@@ -192,9 +198,14 @@ void GeodesicShooting<Dim, T>::shoot(const std::vector<MomentumPointers<T>>& mom
       state.transport->push(state.shared->sites, momenta[s].zeroth, momenta[s].first, start, reached,
                             state.zeroth.data(), state.first.data());
       add_velocity(state, state.zeroth.data(), pointer(state.first), reached, velocities_[end_of_step(k + 1)]);
+      if (!state.oriented) continue;
+      state.oriented->predict(k, velocities_[end_of_step(k)].data(), dt);
+      state.oriented->add_velocity(k + 1, velocities_[end_of_step(k + 1)].data());
     }
     finish_velocity(velocities_[end_of_step(k + 1)]);
     if (k + 1 == time_steps_) break;
+    for (ScaleState& state : states_)
+      if (state.oriented) state.oriented->correct(k + 1, velocities_[end_of_step(k + 1)].data(), dt);
     for (auto& shared : lattices_) {
       T* next = shared->position[k + 1].data();
       const T* here = pointer(shared->position[k]);
@@ -234,6 +245,8 @@ void GeodesicShooting<Dim, T>::adjoint(const std::vector<MomentumPointers<T>>& m
                                        const std::vector<MomentumTargets<T>>& preconditioned) {
   const T dt = T(1) / static_cast<T>(time_steps_);
   for (auto& shared : lattices_) shared->acting.clear(shared->lattice, Dim, shared->position_dual.data());
+  for (ScaleState& state : states_)
+    if (state.oriented) state.oriented->begin_adjoint();
   gather_between_steps(velocity_duals);
 
   for (int k = time_steps_; k >= 0; --k) {
@@ -247,6 +260,10 @@ void GeodesicShooting<Dim, T>::adjoint(const std::vector<MomentumPointers<T>>& m
                                 shared->sites.plan(), velocity_duals[end_of_step(k)].data(),
                                 shared->predicted_dual.data());
     }
+    for (ScaleState& state : states_)
+      if (state.oriented && k > 0)
+        state.oriented->correct_adjoint(k, velocities_[end_of_step(k)].data(), dt,
+                                        velocity_duals[end_of_step(k)].data());
     const T* all_of_velocity_dual = velocity_duals[end_of_step(k)].data();
     // v_k is used nowhere else: its dual is complete.
     for (auto& shared : lattices_) {
@@ -261,6 +278,7 @@ void GeodesicShooting<Dim, T>::adjoint(const std::vector<MomentumPointers<T>>& m
       ScaleState& state = states_[s];
       SharedLattice& shared = *state.shared;
       const Lattice<Dim>& lattice = shared.lattice;
+      if (state.oriented) state.oriented->add_velocity_adjoint(k, all_of_velocity_dual, gradient[s].oriented);
       const AxisBlocks<Dim> wanted = wanted_of(s);
       const MomentumMasks<Dim> masks = k == 0 ? at_start(s, wanted) : state.transport->reached(shared.sites, wanted);
       if (masks.is_empty()) continue;
@@ -285,6 +303,10 @@ void GeodesicShooting<Dim, T>::adjoint(const std::vector<MomentumPointers<T>>& m
       }
     }
     if (k == 0) break;
+    for (ScaleState& state : states_)
+      if (state.oriented)
+        state.oriented->predict_adjoint(k - 1, velocities_[end_of_step(k - 1)].data(), dt,
+                                        velocity_duals[end_of_step(k - 1)].data());
     // What X_{k-1} and v_{k-1}(X_{k-1}) receive from corrector and predictor.
     for (auto& shared : lattices_) {
       shared->sites.end_adjoint(shared->acting, shared->predicted_dual.data());

@@ -2,6 +2,7 @@
 
 #include "core/flow/coadjoint_transport.h"
 #include "core/flow/moved_sites.h"
+#include "core/flow/oriented_flow.h"
 #include "core/grid/resampling.h"
 #include "core/momenta/momentum_scale.h"
 
@@ -14,13 +15,16 @@ namespace saltus {
 /// Initial momenta of all scales, or anything with their shape (gradients).
 template <class T>
 struct MomentumPointers {
-  const T* zeroth = nullptr;  ///< null where the scale has no order 0
-  const T* first = nullptr;   ///< Dim fields; null where it has no order 1
+  const T* zeroth = nullptr;                             ///< null where the scale has no order 0
+  const T* first = nullptr;                              ///< Dim fields; null where it has no order 1
+  const std::vector<std::uint32_t>* elements = nullptr;  ///< of the scale's oriented momenta; null: none of them
+  const T* oriented = nullptr;                           ///< their values
 };
 template <class T>
 struct MomentumTargets {
   T* zeroth = nullptr;
   T* first = nullptr;
+  T* oriented = nullptr;  ///< of the elements that were shot
 };
 
 /// What counts of the first orders, by scale; empty: all of all.
@@ -35,6 +39,7 @@ struct ActiveBlocks {
 /// Time is cut into `time_steps` equal steps. Momenta are transported in closed form (coadjoint_transport.h), each
 /// scale by its own sites; v at the steps' ends is the sum over scales on the velocity lattice. Sites move with Heun's
 /// rule: the velocity of the next end is made from the predicted positions, so one synthesis a step gives second order.
+/// Oriented momenta are carried as oriented_flow.h tells, whatever the evolution of the others is.
 /// Scales on one lattice share its sites; where none of them has an order 0, only sites around active blocks move.
 ///
 /// Maps may need shorter steps than momenta: x - dt v(x) is one to one only where dt |D v| < 1. So each step is cut
@@ -90,7 +95,8 @@ class GeodesicShooting {
     MomentumScale<Dim, T>* scale;
     SharedLattice* shared;
     std::unique_ptr<CoadjointTransport<Dim, T>> transport;
-    Field<T> zeroth, first, velocity;  ///< transported momenta (later their duals) and their velocity
+    std::unique_ptr<OrientedFlow<Dim, T>> oriented;  ///< null where the scale has none
+    Field<T> zeroth, first, velocity;                ///< transported momenta (later their duals) and their velocity
   };
   AxisBlocks<Dim> momenta_of(std::size_t scale) const;
   AxisBlocks<Dim> wanted_of(std::size_t scale) const;

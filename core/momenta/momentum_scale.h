@@ -5,7 +5,9 @@
 #include "core/kernels/axis_taps.h"
 #include "core/kernels/kernel_sum.h"
 #include "core/momenta/block_set.h"
+#include "core/momenta/oriented_momenta.h"
 
+#include <memory>
 #include <vector>
 
 namespace saltus {
@@ -27,6 +29,9 @@ struct MomentumScaleOptions {
   /// Unit vectors w, Dim components a site (see directional_momentum.h): who optimises first orders then has one field
   /// m_w and expands it. Empty: one field for each axis. The scale itself always sees the Dim fields.
   Field<double> direction = {};
+  /// Normals of oriented momenta (oriented_momenta.h) of the kernel's width and with the weight a_1, beside first
+  /// orders. Empty: there are none.
+  std::vector<Eigen::Matrix<double, Dim, 1>> normals = {};
 };
 
 /// Momenta of one kernel on one lattice, as cell averages, and the velocity they make:
@@ -48,6 +53,8 @@ class MomentumScale {
   const MomentumScaleOptions<Dim>& options() const { return options_; }
   const Lattice<Dim>& lattice() const { return options_.lattice; }
   bool has_first_order() const { return has_first(options_.orders); }
+  /// Null where the options have no normals. They have a velocity and a penalty of their own: nothing below knows them.
+  OrientedMomenta<Dim, T>* oriented() const { return oriented_.get(); }
   /// Values of one order-0 field, and of one of the Dim order-1 fields.
   std::size_t field_size() const { return Dim * options_.lattice.sites(); }
 
@@ -105,6 +112,7 @@ class MomentumScale {
   double first_order_unit_, channel_weight_;
   std::vector<Component> components_;
   std::array<double, Dim> curvature_at_zero_;
+  std::unique_ptr<OrientedMomenta<Dim, T>> oriented_;
   std::array<int, Dim> radius_{};  ///< of the longest row of taps along each axis
   std::vector<T> scratch_[4];      ///< the last one only where several components add up
 };

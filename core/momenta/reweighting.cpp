@@ -41,32 +41,46 @@ void add_neighbours(const Lattice<Dim>& lattice, std::vector<float>& values) {
 
 }  // namespace
 
+template <int Dim>
+std::vector<std::vector<float>> reweighted_factors(const Lattice<Dim>& lattice, std::vector<std::vector<float>> sizes) {
+  float largest = 0;
+  for (std::vector<float>& size : sizes) {
+    add_neighbours(lattice, size);
+    largest = std::max(largest, *std::max_element(size.begin(), size.end()));
+  }
+  for (std::vector<float>& size : sizes)
+    for (float& factor : size)
+      factor = static_cast<float>(1 / (kFloor + (largest > 0 ? factor / (kShareOfLargest * largest) : 0.0)));
+  return sizes;
+}
+
+std::vector<std::vector<float>> support_factors(std::vector<std::vector<float>> sizes) {
+  for (std::vector<float>& size : sizes)
+    for (float& factor : size) factor = factor > 0 ? 0 : std::numeric_limits<float>::infinity();
+  return sizes;
+}
+
+template <int Dim, class T>
+std::vector<std::vector<float>> momentum_sizes(const Lattice<Dim>& lattice, const T* first, int fields) {
+  std::vector<std::vector<float>> all;
+  for (int field = 0; field < fields; ++field) all.push_back(sizes(lattice, first + field * Dim * lattice.sites()));
+  return all;
+}
+
 template <int Dim, class T>
 std::vector<std::vector<float>> reweighted_factors(const Lattice<Dim>& lattice, const T* first, int fields) {
-  std::vector<std::vector<float>> factors;
-  float largest = 0;
-  for (int axis = 0; axis < fields; ++axis) {
-    factors.push_back(sizes(lattice, first + axis * Dim * lattice.sites()));
-    add_neighbours(lattice, factors.back());
-    largest = std::max(largest, *std::max_element(factors.back().begin(), factors.back().end()));
-  }
-  for (std::vector<float>& axis : factors)
-    for (float& factor : axis)
-      factor = static_cast<float>(1 / (kFloor + (largest > 0 ? factor / (kShareOfLargest * largest) : 0.0)));
-  return factors;
+  return reweighted_factors<Dim>(lattice, momentum_sizes<Dim, T>(lattice, first, fields));
 }
 
 template <int Dim, class T>
 std::vector<std::vector<float>> support_factors(const Lattice<Dim>& lattice, const T* first, int fields) {
-  std::vector<std::vector<float>> factors;
-  for (int axis = 0; axis < fields; ++axis) {
-    factors.push_back(sizes(lattice, first + axis * Dim * lattice.sites()));
-    for (float& factor : factors.back()) factor = factor > 0 ? 0 : std::numeric_limits<float>::infinity();
-  }
-  return factors;
+  return support_factors(momentum_sizes<Dim, T>(lattice, first, fields));
 }
 
+template std::vector<std::vector<float>> reweighted_factors(const Lattice<2>&, std::vector<std::vector<float>>);
+template std::vector<std::vector<float>> reweighted_factors(const Lattice<3>&, std::vector<std::vector<float>>);
 #define SALTUS_INSTANTIATE(DIM, T)                                                                 \
+  template std::vector<std::vector<float>> momentum_sizes(const Lattice<DIM>&, const T*, int);     \
   template std::vector<std::vector<float>> reweighted_factors(const Lattice<DIM>&, const T*, int); \
   template std::vector<std::vector<float>> support_factors(const Lattice<DIM>&, const T*, int)
 SALTUS_INSTANTIATE(2, float);

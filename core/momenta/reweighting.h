@@ -14,8 +14,18 @@ namespace saltus {
 template <int Dim, class T>
 std::vector<std::vector<float>> reweighted_factors(const Lattice<Dim>& lattice, const T* first, int fields = Dim);
 
+/// The same from |m_i| at all sites, one list for each field.
+template <int Dim>
+std::vector<std::vector<float>> reweighted_factors(const Lattice<Dim>& lattice, std::vector<std::vector<float>> sizes);
+
+/// |m_i| of `fields` fields at all sites.
+template <int Dim, class T>
+std::vector<std::vector<float>> momentum_sizes(const Lattice<Dim>& lattice, const T* first, int fields);
+
 /// Factors that set groups free (0) where the momentum is not zero and keep all others at zero (infinity).
 template <int Dim, class T>
 std::vector<std::vector<float>> support_factors(const Lattice<Dim>& lattice, const T* first, int fields = Dim);
+/// The same from |m_i|.
+std::vector<std::vector<float>> support_factors(std::vector<std::vector<float>> sizes);
 
 }  // namespace saltus

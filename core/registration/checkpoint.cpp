@@ -12,7 +12,7 @@ namespace {
 
 constexpr char kMagic[8] = {'S', 'A', 'L', 'T', 'U', 'S', 'C', 'P'};
 /// To be raised with every change of what is stored or of what is computed from it.
-constexpr std::uint32_t kVersion = 10;
+constexpr std::uint32_t kVersion = 11;
 
 struct Header {
   char magic[8];
@@ -147,6 +147,8 @@ void transfer(Stream& stream, State& at) {
   stream(at.optimality_reference);
   stream.list(at.sparsity_factors, [](auto& s, auto& factors) { s(factors); });
   stream.list(at.active_blocks, [](auto& s, auto& blocks) { s(blocks); });
+  stream.list(at.active_elements, [](auto& s, auto& elements) { s(elements); });
+  stream.list(at.turned_normals, [](auto& s, auto& normals) { s(normals); });
   stream(at.minimiser.x);
   stream(at.minimiser.gradient);
   stream(at.minimiser.preconditioned);

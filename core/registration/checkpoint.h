@@ -34,8 +34,10 @@ struct Checkpoint {
   LevelSummary level;  ///< of that level: the rounds before this one, which is number level.rounds; its time until now
   std::vector<float> level_start;   ///< momenta that the level began with, until it is known whether it begins again
   double optimality_reference = 0;  ///< of that level
-  std::vector<std::vector<float>> sparsity_factors;       ///< of this round
-  std::vector<std::vector<std::uint32_t>> active_blocks;  ///< that the minimiser's unknowns are of
+  std::vector<std::vector<float>> sparsity_factors;         ///< of this round
+  std::vector<std::vector<std::uint32_t>> active_blocks;    ///< that the minimiser's unknowns are of
+  std::vector<std::vector<std::uint32_t>> active_elements;  ///< the same of oriented momenta
+  std::vector<std::vector<float>> turned_normals;           ///< of the oriented momenta in this round, by scale
   MinimiserState<float> minimiser;
   std::vector<LevelSummary> levels;      ///< that have ended
   std::vector<IterationRecord> history;  ///< until now

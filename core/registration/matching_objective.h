@@ -60,15 +60,20 @@ void warp_level(const MatchingLevel<Dim, T>& level, const Field<T>& displacement
 /// seen with a gradient above its weight (the optimality condition of a group at 0), so that a minimum over the active
 /// blocks is one over all; blocks that are 0 and want to stay so leave when they are a quarter of the active ones.
 /// Without sparsity all blocks are active.
+///
+/// After a scale's order-1 fields lie its oriented momenta (oriented_momenta.h), those of the active elements only.
+/// Elements join and leave like blocks, one by one. Those that may join are the ones that `weigh` has turned: where the
+/// velocity of its x shows an interface, one a site, with that interface's normal (interface_normals.h).
 template <int Dim, class T>
 class MatchingObjective final : public Objective<T> {
  public:
-  /// `scales` and `level` must outlive this. `sparsity` is lambda, per mm of a_1 m_i. All blocks are active. Velocities
-  /// and the map live on `flow`, and the images are warped with that map taken linearly between its samples; without
-  /// `flow`, on the level's own lattice, where no map is interpolated.
+  /// `scales` and `level` must outlive this. `sparsity` is lambda, per mm of a_1 m_i; oriented momenta have
+  /// `oriented_sparsity` times as much. All blocks are active, and no element. Velocities and the map live on `flow`,
+  /// and the images are warped with that map taken linearly between its samples; without `flow`, on the level's own
+  /// lattice, where no map is interpolated.
   MatchingObjective(std::vector<MomentumScale<Dim, T>*> scales, const MatchingLevel<Dim, T>& level,
                     std::unique_ptr<Similarity<Dim, T>> similarity, double sparsity,
-                    const std::optional<Lattice<Dim>>& flow = {});
+                    const std::optional<Lattice<Dim>>& flow = {}, double oriented_sparsity = 1);
 
   std::size_t size() const override { return size_; }
   Evaluation evaluate(const std::vector<T>& x, std::vector<T>& gradient, std::vector<T>& preconditioned) override;
@@ -83,6 +88,10 @@ class MatchingObjective final : public Objective<T> {
   /// Makes these blocks the active ones, which changes what x is. Fields beyond the list begin with none (all, without
   /// sparsity). Throws InvalidInput when they do not fit.
   void set_active_blocks(const std::vector<std::vector<std::uint32_t>>& active);
+  /// The same for oriented momenta: numbers of the active elements by scale, rising. Scales beyond the list have none.
+  /// Throws InvalidInput when they do not fit.
+  std::vector<std::vector<std::uint32_t>> active_elements() const;
+  void set_active_elements(const std::vector<std::vector<std::uint32_t>>& active);
   /// Active share of all blocks of all order-1 fields; 0 where there are none.
   double active_block_share() const;
 
@@ -98,12 +107,18 @@ class MatchingObjective final : public Objective<T> {
   const std::vector<Field<T>>& velocities(const std::vector<T>& x);
   std::vector<double> hamiltonians(const std::vector<T>& x);
 
-  /// Sets the sparsity weights for a round that starts from x, and whether blocks may join in it.
+  /// Sets the sparsity weights for a round that starts from x, and whether blocks may join in it; turns oriented
+  /// momenta as the velocity of x asks for, which are from then on what x says with other normals.
   void weigh(const SparsityRound& round, const std::vector<T>& x);
-  /// The factors made by `weigh`, for all sites of each order-1 field (empty: 1 each).
+  /// The factors made by `weigh`, for all sites of each order-1 field, then for all elements of the oriented momenta of
+  /// each scale that has them (empty: 1 each).
   const std::vector<std::vector<float>>& weights() const { return factors_; }
   /// Puts back what `weights` gave in this round. Throws InvalidInput when they do not fit.
   void restore_weights(const SparsityRound& round, const std::vector<std::vector<float>>& factors);
+
+  /// The normals that `weigh` found, by scale, and putting them back. Throws InvalidInput when they do not fit.
+  std::vector<std::vector<float>> turned_normals() const;
+  void restore_turned_normals(const std::vector<std::vector<float>>& normals);
 
   /// Leave out component i of m_i: such a momentum can only shear (no gradient, so it stays 0).
   void keep_shear_only() { shear_only_ = true; }
@@ -123,8 +138,21 @@ class MatchingObjective final : public Objective<T> {
     std::vector<T> momentum, gradient;       ///< of `fields` fields at all sites; unused while all blocks are active
     std::vector<T> spread, spread_gradient;  ///< m_i made of m_w, and where their gradients go
   };
+  /// The oriented momenta of one scale.
+  struct Oriented {
+    OrientedMomenta<Dim, T>* momenta = nullptr;  ///< null: the scale has none
+    std::size_t range = 0;                       ///< in sparsity_
+    std::vector<std::uint32_t> active;
+    /// Of a look: active elements and candidates, their values and gradients. Empty without one.
+    std::vector<std::uint32_t> listed;
+    std::vector<T> values, gradient;
+  };
   void lay_out();
   void gather_factors();
+  void weigh_with_oriented(const SparsityRound& round, std::size_t scale, const std::vector<T>& x);
+  void turn_oriented(const std::vector<T>& x);
+  void list_candidates(std::size_t scale, const std::vector<T>& x);
+  std::vector<std::uint32_t> wanted_elements(const Oriented& oriented, const MinimiserState<T>& state, bool& changes);
   bool has_all_blocks(const FirstOrder& first) const;
   std::vector<AxisBlocks<Dim>> axis_blocks() const;
   const T* all_sites(std::size_t scale, const std::vector<T>& x) const;
@@ -136,8 +164,9 @@ class MatchingObjective final : public Objective<T> {
   std::vector<MomentumScale<Dim, T>*> scales_;
   std::vector<std::size_t> zeroth_at_;       ///< by scale: where its order-0 field begins in x
   mutable std::vector<FirstOrder> first_;    ///< by scale; mutable: holds scratch
-  std::vector<BlockSet<Dim>> blocks_;        ///< by order-1 field, as sparsity_
-  std::vector<std::vector<float>> factors_;  ///< of the weights at all sites, as sparsity_; its own are compact
+  std::vector<BlockSet<Dim>> blocks_;        ///< by order-1 field, as the first ranges of sparsity_
+  std::vector<Oriented> oriented_;           ///< by scale; their ranges follow
+  std::vector<std::vector<float>> factors_;  ///< of the weights of all there is, as sparsity_; its own are compact
   const MatchingLevel<Dim, T>& level_;
   std::unique_ptr<Similarity<Dim, T>> similarity_;
   Lattice<Dim> flow_;

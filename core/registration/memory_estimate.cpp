@@ -56,6 +56,8 @@ std::size_t memory_estimate(const ImageGrid<Dim>& fixed, const ImageGrid<Dim>& m
       // be is not known: nearly all, at worst.
       if (m.sparsity > 0) bytes += sites * 2 * Dim * vector;
       if (options.model == Model::Directional) bytes += sites * 2 * Dim * vector;
+      // Oriented momenta: normals and scratch at all sites, weights (and those before them) for all elements.
+      if (m.orientations > 0) bytes += sites * (3 * vector + 2 * m.orientations * scalar);
     }
     // L-BFGS: three vectors a pair, ten of its own. A checkpoint, where one is asked for, holds most of that once more.
     bytes += unknowns * scalar * (3 * options.optimisation.history + 11);

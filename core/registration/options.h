@@ -52,6 +52,8 @@ struct RegistrationOptions {
     std::vector<double> direction;  ///< of the derivative of model directional: a unit vector, world (LPS)
     /// Order 1 takes part only if it promises so much when order 0 has settled, see FirstOrderPromise. Gain 0: always.
     double first_order_gain = 0, first_order_shear = 1.1;
+    int orientations = 0;            ///< normals that oriented momenta are turned from; 0: there are none of these
+    double oriented_sparsity = 0.5;  ///< lambda of oriented momenta, as a share of `sparsity`
     bool first_order_waits = false;  ///< on each level order 0 settles before first-order momenta appear
     bool shear_only = false;         ///< drop component i of m_i, so that a jump can only slide
   } momenta;

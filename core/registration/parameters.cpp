@@ -266,6 +266,16 @@ const std::vector<Parameter>& parameters() {
           "first_order_shear", "", 0, Lower::Inclusive, inf,
           "and only if it is pulled so much more along interfaces than across them (1: by noise)",
           [](O & o) -> auto& { return o.momenta.first_order_shear; }),
+      integer(
+          "orientations", "", 0, 13,
+          "normals that oriented momenta are turned from, so that interfaces that are not along an axis can slide: 4 "
+          "or 8 in 2-D, 9 or 13 in 3-D; 0: no oriented momenta",
+          [](O & o) -> auto& { return o.momenta.orientations; }),
+      real(
+          "oriented_sparsity", "", 0, Lower::Exclusive, 100,
+          "weight of the group norm of oriented momenta, as a share of sparsity: they appear only where the velocity "
+          "shows an interface",
+          [](O & o) -> auto& { return o.momenta.oriented_sparsity; }),
       boolean(
           "first_order_waits",
           "on each level let order 0 settle before first-order momenta appear, so that they are few",
@@ -376,6 +386,16 @@ std::vector<std::string> problems(const RegistrationOptions& options) {
   if (options.momenta.first_order_gain > 0 && options.model == Model::Directional)
     found.push_back("parameter first_order_gain is " + std::to_string(options.momenta.first_order_gain) +
                     " and the model is directional, whose first orders always take part; it must be 0");
+  if (options.momenta.orientations > 0) {
+    const std::string given = "parameter orientations is " + std::to_string(options.momenta.orientations);
+    if (options.momenta.first_order_scales == 0 || options.model == Model::Directional)
+      found.push_back(given + " and model " + to_string(options.model) +
+                      " has no first orders along the axes; choose model sliding or wendland1, or set it to 0");
+    else if (options.momenta.sparsity == 0)
+      found.push_back(given + " and sparsity is 0; oriented momenta need a sparsity above 0");
+    if (options.flow.evolution != Evolution::Carried)
+      found.push_back(given + " and evolution is not carried; oriented momenta know no other, set it to carried");
+  }
   if (options.threads < 0) found.push_back("threads is " + std::to_string(options.threads) + "; it must be 0 or more");
   return found;
 }

@@ -154,9 +154,10 @@ void PyramidRun<Dim>::begin_level(std::size_t step) {
 /// Whether there is no first-order momentum and none may appear.
 template <int Dim>
 bool PyramidRun<Dim>::is_smooth(const SparsityRound& round) const {
-  return !has_first_ ||
-         (!round.lets_blocks_join && std::all_of(reached_.active_blocks.begin(), reached_.active_blocks.end(),
-                                                 [](const auto& blocks) { return blocks.empty(); }));
+  const auto is_empty = [](const auto& list) { return list.empty(); };
+  return !has_first_ || (!round.lets_blocks_join &&
+                         std::all_of(reached_.active_blocks.begin(), reached_.active_blocks.end(), is_empty) &&
+                         std::all_of(reached_.active_elements.begin(), reached_.active_elements.end(), is_empty));
 }
 
 /// The objective of a round, made anew only where the flow has to move to another lattice. What is in x stays where it
@@ -177,10 +178,11 @@ void PyramidRun<Dim>::make_objective(const SparsityRound& round) {
       active_, images_,
       make_similarity<Dim, Scalar>(options_.similarity, images_.lattice, options_.similarity_parameters,
                                    level_.spacing_mm),
-      options_.momenta.sparsity, flow);
+      options_.momenta.sparsity, flow, options_.momenta.oriented_sparsity);
   if (options_.momenta.shear_only) objective_->keep_shear_only();
   // Finer scales begin with none, and where order 0 is alone nothing has any.
   objective_->set_active_blocks(smooth ? std::vector<std::vector<std::uint32_t>>{} : reached_.active_blocks);
+  objective_->set_active_elements(reached_.active_elements);
   objective_->on_work([this](double share) { count_work(share); });
 }
 
@@ -190,6 +192,7 @@ void PyramidRun<Dim>::run_rounds() {
     for (std::size_t round = is_resumed_ ? level_.rounds - 1 : 0; round < rounds_.size(); ++round) {
       if (is_resumed_) {
         objective_->restore_weights(rounds_[round], reached_.sparsity_factors);
+        objective_->restore_turned_normals(reached_.turned_normals);
         is_resumed_ = false;
       } else {
         if (round == 1 && decides_ && !first_orders_are_worth_it()) break;
@@ -209,6 +212,7 @@ void PyramidRun<Dim>::begin_round(std::size_t round) {
   std::vector<Scalar>& momenta = reached_.minimiser.x;
   level_.rounds = static_cast<int>(round) + 1;
   reached_.active_blocks = objective_->active_blocks();
+  reached_.active_elements = objective_->active_elements();
   make_objective(rounds_[round]);
   objective_->weigh(rounds_[round], momenta);
   reached_.minimiser = MinimiserState<Scalar>(std::move(momenta));
@@ -253,6 +257,7 @@ template <int Dim>
 void PyramidRun<Dim>::end_level() {
   reached_.minimiser = MinimiserState<Scalar>(std::move(reached_.minimiser.x));  // the curvature's memory goes
   reached_.active_blocks = objective_->active_blocks();
+  reached_.active_elements = objective_->active_elements();
   level_.active_block_share = objective_->active_block_share();
   objective_->on_work({});
   meter_.end(step_);
@@ -310,6 +315,8 @@ std::string PyramidRun<Dim>::make_checkpoint() {
   reached_.optimality_reference = how_.optimality_reference;
   reached_.sparsity_factors = objective_->weights();
   reached_.active_blocks = objective_->active_blocks();
+  reached_.active_elements = objective_->active_elements();
+  reached_.turned_normals = objective_->turned_normals();
   reached_.levels = summary_.levels;
   reached_.history = summary_.history;
   reached_.seconds = seconds_before_ + whole_.seconds();

@@ -71,7 +71,8 @@ RegistrationResult<Dim> register_images(const RegistrationInput<Dim>& input, con
   const Lattice<Dim> flow = objective.flow_lattice();
   collect_momenta(run.scales(), objective.pointers(momenta), input.fixed.grid, result);
   result.moved_points = move_points(input, flow, velocities, run.scales(), objective.pointers(momenta));
-  summary.hamiltonian_drift = run.scales().size() == 1 ? drift_of(objective.hamiltonians(momenta)) : -1;
+  const bool is_conserved = run.scales().size() == 1 && !run.scales()[0]->oriented();
+  summary.hamiltonian_drift = is_conserved ? drift_of(objective.hamiltonians(momenta)) : -1;
   run.release();
   const Field<float> backward = write_fields(input, flow, velocities, result);
   summarise_similarity(run.pyramid().full_resolution(), options, backward, result);

@@ -50,9 +50,10 @@ class Numbers {
          settled_at);
   }
   void operator()(Checkpoint& checkpoint) {
-    auto& [step, level, start, reference, factors, blocks, minimiser, levels, history, seconds, cpu_seconds] =
-        checkpoint;
-    fill(step, level, start, reference, factors, blocks, minimiser, levels, history, seconds, cpu_seconds);
+    auto& [step, level, start, reference, factors, blocks, elements, normals, minimiser, levels, history, seconds,
+           cpu_seconds] = checkpoint;
+    fill(step, level, start, reference, factors, blocks, elements, normals, minimiser, levels, history, seconds,
+         cpu_seconds);
   }
 
  private:
@@ -88,6 +89,8 @@ TEST(CheckpointFields, AllSurviveBeingStored) {
   EXPECT_EQ(read.optimality_reference, stored.optimality_reference);
   EXPECT_EQ(read.sparsity_factors, stored.sparsity_factors);
   EXPECT_EQ(read.active_blocks, stored.active_blocks);
+  EXPECT_EQ(read.active_elements, stored.active_elements);
+  EXPECT_EQ(read.turned_normals, stored.turned_normals);
   EXPECT_EQ(read.seconds, stored.seconds);
   EXPECT_EQ(read.cpu_seconds, stored.cpu_seconds);
 

@@ -6,6 +6,7 @@
 #include <gtest/gtest.h>
 #include <omp.h>
 
+#include <algorithm>
 #include <cmath>
 
 namespace saltus {
@@ -20,6 +21,7 @@ struct Case {
   double similarity_weight = 1;
   int coarsening = 0;           // of order 0
   bool is_flow_coarse = false;  // and of the flow
+  int orientations = 0;
 };
 
 template <int Dim>
@@ -47,6 +49,7 @@ void expect_taylor_slope_two(const Case& test) {
   options.momenta.finest_scale = options.momenta.first_order_finest_scale = 0;
   if (options.momenta.first_order_scales > 0) options.momenta.first_order_scales = test.model == Model::Sliding ? 1 : 2;
   options.momenta.regularisation = options.momenta.first_order_regularisation = 0.05;
+  if (test.orientations > 0) options.momenta.orientations = Dim == 2 ? 8 : 13;
   options.flow.coarsening = test.coarsening;
   std::vector<double> directions;  // any unit vectors, and none here and there
   if (test.model == Model::Directional) {
@@ -85,6 +88,20 @@ void expect_taylor_slope_two(const Case& test) {
   MatchingObjective<Dim, double> objective(
       scales, level, make_similarity<Dim, double>(test.similarity, lattice, options.similarity_parameters, 1.0), 0.0,
       level_lattice(lattice, test.is_flow_coarse ? test.coarsening : 0));
+  std::vector<std::vector<std::uint32_t>> elements(scales.size());
+  for (std::size_t s = 0; s < scales.size(); ++s) {
+    OrientedMomenta<Dim, double>* oriented = scales[s]->oriented();
+    if (!oriented) continue;
+    std::vector<double> normals = random_values(scales[s]->field_size(), 73);
+    for (std::size_t site = 0; site < scales[s]->lattice().sites(); ++site)
+      Eigen::Map<Vector<Dim>>(normals.data() + Dim * site).normalize();
+    oriented->turn(normals);
+    for (std::size_t i = 0; i < oriented->turned().size(); i += 5) elements[s].push_back(oriented->turned()[i]);
+    for (std::uint32_t e = 2; e < oriented->elements(); e += 111) elements[s].push_back(e);
+    std::sort(elements[s].begin(), elements[s].end());
+    elements[s].erase(std::unique(elements[s].begin(), elements[s].end()), elements[s].end());
+  }
+  objective.set_active_elements(elements);
   const std::size_t size = objective.size();
   const std::vector<double> at = random_values(size, 5, 0.03);
   std::vector<double> gradient(size), preconditioned(size), ignored(size), ignored_too(size);
@@ -138,6 +155,8 @@ std::vector<Case> all_cases() {
     for (SimilarityType similarity : {SimilarityType::Ssd, SimilarityType::Lncc})
       cases.push_back({Model::Gaussian, similarity, true, Evolution::Carried, {}, 1, coarsening, true});
   cases.push_back({Model::Sliding, SimilarityType::Lncc, false, Evolution::Carried, {}, 1, 1, false});
+  for (Model model : {Model::Sliding, Model::Wendland1})  // alone on its lattice, and with order 0
+    cases.push_back({model, SimilarityType::Ssd, false, Evolution::Carried, {}, 1, 0, false, 1});
   return cases;
 }
 
@@ -147,6 +166,7 @@ INSTANTIATE_TEST_SUITE_P(Models, Gradient, ::testing::ValuesIn(all_cases()), [](
          (info.param.evolution == Evolution::Exact      ? ""
           : info.param.evolution == Evolution::PerOrder ? "_per_order"
                                                         : "_carried") +
+         (info.param.orientations == 0 ? "" : "_oriented") +
          (info.param.coarsening == 0 ? "" : "_coarsened_" + std::to_string(info.param.coarsening));
 });
 

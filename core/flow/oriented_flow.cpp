@@ -1,0 +1,101 @@
+#include "core/flow/oriented_flow.h"
+
+#include "core/flow/point_steps.h"
+
+#include <algorithm>
+
+namespace saltus {
+
+template <int Dim, class T>
+OrientedFlow<Dim, T>::OrientedFlow(OrientedMomenta<Dim, T>& momenta, const Lattice<Dim>& velocity_lattice,
+                                   int time_steps)
+    : momenta_(momenta),
+      lattice_(velocity_lattice),
+      prolongation_(momenta.lattice(), velocity_lattice, Dim),
+      position_(static_cast<std::size_t>(time_steps)),
+      predicted_(static_cast<std::size_t>(time_steps) + 1) {
+  if (!prolongation_.is_identity()) own_.resize(Dim * momenta.lattice().sites());
+}
+
+template <int Dim, class T>
+void OrientedFlow<Dim, T>::begin(const std::vector<Element>* elements, const T* values) {
+  elements_ = elements;
+  values_ = values;
+  if (is_empty()) return;
+  momenta_.place(*elements, position_[0]);
+  for (std::size_t k = 1; k < predicted_.size(); ++k) {
+    predicted_[k].resize(position_[0].size());
+    if (k < position_.size()) position_[k].resize(position_[0].size());
+  }
+}
+
+template <int Dim, class T>
+void OrientedFlow<Dim, T>::add_velocity(int k, T* velocity) {
+  if (is_empty()) return;
+  if (own_.empty()) {
+    momenta_.add_velocity(*elements_, corners_at(k).data(), values_, velocity);
+    return;
+  }
+  std::fill(own_.begin(), own_.end(), T(0));
+  momenta_.add_velocity(*elements_, corners_at(k).data(), values_, own_.data());
+  prolongation_.add_to(own_.data(), velocity);
+}
+
+template <int Dim, class T>
+void OrientedFlow<Dim, T>::predict(int k, const T* velocity, T dt) {
+  if (is_empty()) return;
+  advance_points<Dim, T>(position_[k], position_[k], lattice_, velocity, dt, predicted_[k + 1]);
+}
+
+template <int Dim, class T>
+void OrientedFlow<Dim, T>::correct(int k, const T* velocity, T dt) {
+  if (is_empty()) return;
+  // Half of what predicts is the first half of the rule.
+  for (std::size_t i = 0; i < position_[k].size(); ++i) position_[k][i] = (position_[k - 1][i] + predicted_[k][i]) / 2;
+  advance_points<Dim, T>(position_[k], predicted_[k], lattice_, velocity, dt / 2, position_[k]);
+}
+
+template <int Dim, class T>
+void OrientedFlow<Dim, T>::begin_adjoint() {
+  if (is_empty()) return;
+  for (std::vector<T>* dual : {&position_dual_, &predicted_dual_, &through_velocity_})
+    dual->assign(position_[0].size(), T(0));
+}
+
+template <int Dim, class T>
+void OrientedFlow<Dim, T>::correct_adjoint(int k, const T* velocity, T dt, T* velocity_dual) {
+  if (is_empty()) return;
+  std::fill(predicted_dual_.begin(), predicted_dual_.end(), T(0));
+  if (k + 1 == static_cast<int>(predicted_.size())) return;  // the last node's position is that of nobody
+  advance_points_adjoint<Dim, T>(predicted_[k], lattice_, velocity, dt / 2, position_dual_, plan_, velocity_dual,
+                                 &predicted_dual_);
+}
+
+template <int Dim, class T>
+void OrientedFlow<Dim, T>::add_velocity_adjoint(int k, const T* velocity_dual, T* values_dual) {
+  if (is_empty()) return;
+  if (!own_.empty()) {
+    prolongation_.transpose(velocity_dual, own_.data());
+    velocity_dual = own_.data();
+  }
+  momenta_.add_velocity_adjoint(*elements_, corners_at(k).data(), values_, velocity_dual, values_dual,
+                                k == 0 ? nullptr : predicted_dual_.data());
+}
+
+template <int Dim, class T>
+void OrientedFlow<Dim, T>::predict_adjoint(int k, const T* velocity, T dt, T* velocity_dual) {
+  if (is_empty()) return;
+  for (std::size_t i = 0; i < position_dual_.size(); ++i) {
+    through_velocity_[i] = position_dual_[i] / 2 + predicted_dual_[i];
+    position_dual_[i] += predicted_dual_[i];
+  }
+  advance_points_adjoint<Dim, T>(position_[k], lattice_, velocity, dt, through_velocity_, plan_, velocity_dual,
+                                 k > 0 ? &position_dual_ : nullptr);
+}
+
+template class OrientedFlow<2, float>;
+template class OrientedFlow<3, float>;
+template class OrientedFlow<2, double>;
+template class OrientedFlow<3, double>;
+
+}  // namespace saltus

@@ -1,0 +1,88 @@
+#include "core/registration/interface_normals.h"
+
+#include "core/grid/interpolation.h"
+#include "core/kernels/separable_convolution.h"
+
+#include <Eigen/Core>
+#include <Eigen/Eigenvalues>
+
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+
+namespace saltus {
+namespace {
+
+constexpr int kPasses = 6;  // of means over three samples: a standard deviation of 2
+constexpr double kLeastShare = 0.1;
+const double kAlongAxis = std::cos(6 * std::numbers::pi / 180);
+
+}  // namespace
+
+template <int Dim, class T>
+InterfaceNormals<Dim, T>::InterfaceNormals(const Lattice<Dim>& lattice, const std::vector<T>& velocity)
+    : lattice_(lattice), tensor_(kPairs * lattice.sites()) {
+  std::array<std::size_t, Dim> strides;
+  std::size_t stride = 1;
+  for (int a = 0; a < Dim; ++a) {
+    strides[a] = stride;
+    stride *= static_cast<std::size_t>(lattice.size[a]);
+  }
+#pragma omp parallel for schedule(static)
+  for (int slab = 0; slab < lattice.size[Dim - 1]; ++slab)
+    visit_slab<Dim>(lattice, slab, [&](const Index<Dim>& index, std::size_t site) {
+      Eigen::Matrix<T, Dim, Dim> derivative = Eigen::Matrix<T, Dim, Dim>::Zero();
+      for (int a = 0; a < Dim; ++a) {
+        const bool has_above = index[a] + 1 < lattice.size[a], has_below = index[a] > 0;
+        const T span = static_cast<T>((has_above + has_below) * lattice.spacing[a]);
+        if (span == T(0)) continue;
+        const T* above = velocity.data() + Dim * (has_above ? site + strides[a] : site);
+        const T* below = velocity.data() + Dim * (has_below ? site - strides[a] : site);
+        for (int c = 0; c < Dim; ++c) derivative(c, a) = (above[c] - below[c]) / span;
+      }
+      T* tensor = tensor_.data() + kPairs * site;
+      for (int a = 0; a < Dim; ++a)
+        for (int b = a; b < Dim; ++b) *tensor++ = derivative.col(a).dot(derivative.col(b));
+    });
+  const std::vector<T> third(3, T(1) / 3);
+  std::vector<T> smoothed(tensor_.size());
+  for (int pass = 0; pass < kPasses; ++pass)
+    for (int axis = 0; axis < Dim; ++axis) {
+      convolve_axis<Dim, T>(lattice, kPairs, axis, third, Combine::Replace, tensor_.data(), smoothed.data());
+      std::swap(tensor_, smoothed);
+    }
+}
+
+template <int Dim, class T>
+std::vector<T> InterfaceNormals<Dim, T>::on(const Lattice<Dim>& lattice) const {
+  std::vector<T> normals(Dim * lattice.sites()), strength(lattice.sites());
+  const SitePlacement<Dim, T> place(lattice, lattice_);
+#pragma omp parallel for schedule(static)
+  for (int slab = 0; slab < lattice.size[Dim - 1]; ++slab)
+    visit_slab<Dim>(lattice, slab, [&](const Index<Dim>& index, std::size_t site) {
+      static constexpr T none[Dim] = {};
+      const std::array<T, kPairs> values =
+          LinearCell<Dim, T>(lattice_, place(index, none)).template value<kPairs>(tensor_.data());
+      Eigen::Matrix<double, Dim, Dim> tensor;
+      for (int a = 0, k = 0; a < Dim; ++a)
+        for (int b = a; b < Dim; ++b, ++k) tensor(a, b) = tensor(b, a) = values[k];
+      Eigen::SelfAdjointEigenSolver<Eigen::Matrix<double, Dim, Dim>> solver;
+      solver.computeDirect(tensor);
+      strength[site] = static_cast<T>(std::sqrt(std::max(0.0, solver.eigenvalues()[Dim - 1])));
+      for (int a = 0; a < Dim; ++a) normals[Dim * site + a] = static_cast<T>(solver.eigenvectors()(a, Dim - 1));
+    });
+  const T least = static_cast<T>(kLeastShare) * *std::max_element(strength.begin(), strength.end());
+  for (std::size_t site = 0; site < strength.size(); ++site) {
+    T* n = normals.data() + Dim * site;
+    const bool along_axis = std::any_of(n, n + Dim, [](T value) { return std::abs(value) > kAlongAxis; });
+    if (!(strength[site] > least) || along_axis) std::fill(n, n + Dim, T(0));
+  }
+  return normals;
+}
+
+template class InterfaceNormals<2, float>;
+template class InterfaceNormals<3, float>;
+template class InterfaceNormals<2, double>;
+template class InterfaceNormals<3, double>;
+
+}  // namespace saltus

@@ -1,0 +1,30 @@
+#pragma once
+
+#include "core/grid/lattice.h"
+
+#include <vector>
+
+namespace saltus {
+
+/// Where a velocity shows an interface along which something may slide, and which way that lies, from its structure
+/// tensor: the mean of (D v)^T (D v) over a neighbourhood (two samples' standard deviation), whose first eigenvector is
+/// the direction n in which v changes most. Of a tangential jump a across n, D v is a n^T, whichever way a points.
+/// Where v is smooth as well, it changes across what will be the interface before it can jump there.
+template <int Dim, class T>
+class InterfaceNormals {
+ public:
+  /// `velocity` is interleaved, on `lattice`.
+  InterfaceNormals(const Lattice<Dim>& lattice, const std::vector<T>& velocity);
+
+  /// Unit normals at the sites of another lattice over the same frame, Dim values each, of either sign. 0 where v
+  /// changes by less than a tenth of its strongest change, and where n is within 6 degrees of an axis: there the
+  /// momenta m_i jump better, since theirs lie between the samples.
+  std::vector<T> on(const Lattice<Dim>& lattice) const;
+
+ private:
+  static constexpr int kPairs = Dim * (Dim + 1) / 2;
+  Lattice<Dim> lattice_;
+  std::vector<T> tensor_;  ///< upper triangle, row by row
+};
+
+}  // namespace saltus

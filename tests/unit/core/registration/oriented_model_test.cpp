@@ -1,0 +1,254 @@
+// Oriented momenta in a registration. Oracles: the optimality condition of group sparsity at every element that may
+// join, the same run in one piece and in two, and the truth of a slip that no axis is along.
+#include <gtest/gtest.h>
+#include <omp.h>
+
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+
+#include "core/evaluation/field_error.h"
+#include "core/phantom/make_phantom.h"
+#include "core/registration/interface_normals.h"
+#include "core/registration/matching_objective.h"
+#include "core/registration/register_images.h"
+#include "core/registration/scales.h"
+#include "core/support/errors.h"
+#include "tests/support/random_fields.h"
+
+namespace saltus {
+namespace {
+
+// A smooth step across a tilted plane.
+template <int Dim>
+void expect_the_normal_of_a_step(const Vector<Dim>& normal, bool is_found) {
+  Lattice<Dim> lattice;
+  lattice.size.fill(Dim == 2 ? 40 : 24);
+  const double spacing[3] = {1.0, 1.5, 2.0};
+  for (int a = 0; a < Dim; ++a) lattice.spacing[a] = spacing[a];
+  Vector<Dim> middle, jump = Vector<Dim>::Unit(0);
+  for (int a = 0; a < Dim; ++a) middle[a] = (lattice.size[a] - 1) * lattice.spacing[a] / 2;
+  jump -= jump.dot(normal) * normal;
+  std::vector<double> velocity(Dim * lattice.sites());
+  const auto distance = [&](const Index<Dim>& index) {
+    double sum = 0;
+    for (int a = 0; a < Dim; ++a) sum += normal[a] * (index[a] * lattice.spacing[a] - middle[a]);
+    return sum;
+  };
+  for (int slab = 0; slab < lattice.size[Dim - 1]; ++slab)
+    visit_slab<Dim>(lattice, slab, [&](const Index<Dim>& index, std::size_t site) {
+      for (int c = 0; c < Dim; ++c) velocity[Dim * site + c] = std::tanh(distance(index) / 2) * jump[c];
+    });
+  const std::vector<double> normals = InterfaceNormals<Dim, double>(lattice, velocity).on(lattice);
+  int near = 0, far = 0;
+  for (int slab = 0; slab < lattice.size[Dim - 1]; ++slab)
+    visit_slab<Dim>(lattice, slab, [&](const Index<Dim>& index, std::size_t site) {
+      bool is_inside = true;  // the border's neighbourhood is cut
+      for (int a = 0; a < Dim; ++a) is_inside = is_inside && index[a] >= 8 && index[a] < lattice.size[a] - 8;
+      if (!is_inside) return;
+      const auto n = Eigen::Map<const Vector<Dim>>(normals.data() + Dim * site);
+      if (std::abs(distance(index)) < 2) {
+        ++near;
+        EXPECT_NEAR(std::abs(n.dot(normal)), is_found ? 1 : 0, 1e-2);
+      }
+      if (std::abs(distance(index)) > 12) {
+        ++far;
+        EXPECT_EQ(n.norm(), 0);
+      }
+    });
+  EXPECT_GT(near, 10);
+  EXPECT_TRUE(Dim == 3 || far > 10);
+}
+
+TEST(InterfaceNormals, AreThoseOfAStep) {
+  for (double degrees : {20.0, 45.0, 100.0}) {
+    const double angle = degrees * std::numbers::pi / 180;
+    expect_the_normal_of_a_step<2>({std::cos(angle), std::sin(angle)}, true);
+  }
+  expect_the_normal_of_a_step<3>(Vector<3>(1, 2, -2) / 3, true);
+}
+
+TEST(InterfaceNormals, LeaveTheAxesToThemselves) {
+  expect_the_normal_of_a_step<2>({0, 1}, false);
+  expect_the_normal_of_a_step<3>({0, 0, 1}, false);
+}
+
+TEST(InterfaceNormals, AreNoneWhereNothingMoves) {
+  const Lattice<2> lattice{{9, 9}, {1, 1}, {}};
+  const std::vector<float> still(2 * lattice.sites(), 0.5f);
+  for (float value : InterfaceNormals<2, float>(lattice, still).on(lattice)) EXPECT_EQ(value, 0);
+}
+
+/// A slip of 6 mm along a line that is 25 degrees off an axis.
+struct Slip {
+  Phantom<2> phantom;
+  RegistrationInput<2> input;
+
+  Slip() {
+    PhantomOptions options = default_phantom_options(PhantomKind::Slip);
+    options.size = {64, 64, 1};
+    options.angle_deg = 25;
+    phantom = make_phantom<2>(options);
+    input.fixed = phantom.fixed;
+    input.moving = phantom.moving;
+  }
+  double error_near_interface(const RegistrationOptions& options) const {
+    const RegistrationResult<2> result = register_images<2>(input, options);
+    const std::vector<double> errors =
+        endpoint_errors<2>(result.displacement, phantom.displacement, phantom.masks.near);
+    double sum = 0;
+    for (double error : errors) sum += error;
+    return sum / static_cast<double>(errors.size());
+  }
+};
+
+RegistrationOptions oriented_options(int orientations = 8) {
+  RegistrationOptions options = default_options(Model::Sliding, SimilarityType::Ssd, Preset::Balanced);
+  options.threads = 1;
+  options.momenta.orientations = orientations;
+  return options;
+}
+
+TEST(OrientedModel, HalvesTheErrorBesideAnInterfaceThatIsOblique) {
+  const Slip slip;
+  const double without = slip.error_near_interface(oriented_options(0)),
+               with = slip.error_near_interface(oriented_options());
+  EXPECT_LT(with, 0.75 * without) << with << " and " << without;
+}
+
+// Those that join are those that pull harder than their weight, of all that were turned; with the gradient that they
+// have when they are there from the start.
+TEST(OrientedModel, LetsJoinWhatPullsHarderThanItsWeight) {
+  omp_set_num_threads(1);
+  const Slip slip;
+  const Lattice<2> lattice = lattice_of(slip.input.fixed.grid);
+  const RegistrationOptions options = resolved(oriented_options(), lattice);
+  auto placed = make_scales<2, double>(lattice, options);
+  std::vector<MomentumScale<2, double>*> scales;
+  for (auto& scale : placed) scales.push_back(scale.scale.get());
+  const std::vector<float>& samples = slip.input.fixed.samples;
+  const double range =
+      *std::max_element(samples.begin(), samples.end()) - *std::min_element(samples.begin(), samples.end());
+  MatchingLevel<2, double> level;
+  level.lattice = level.moving.lattice = lattice;
+  for (float sample : samples) level.fixed.push_back(sample / range);
+  for (float sample : slip.input.moving.samples) level.moving.samples.push_back(sample / range);
+  level.moving.linear = Matrix<2>::Identity();
+  level.moving.offset = Vector<2>::Zero();
+  level.time_steps = 2;
+  level.divergence_weight = 1e-2;
+  level.evolution = Evolution::Carried;
+  const auto make = [&] {
+    return MatchingObjective<2, double>(
+        scales, level, make_similarity<2, double>(SimilarityType::Ssd, lattice, {}, 1.0), 4e-4, {}, 0.5);
+  };
+  auto objective = make();
+  objective.set_active_blocks({});
+  MinimiseOptions how;
+  how.max_iterations = 15;
+  std::vector<double> x(objective.size(), 0.0);
+  objective.weigh({SparsityRound::Weights::Even, 1, false}, x);
+  minimise<double>(objective, how, x, [](const MinimiseStep&) { return true; });
+  for (const auto& list : objective.active_elements()) EXPECT_TRUE(list.empty());
+  objective.weigh({}, x);
+  objective.look_everywhere(true);
+  MinimiserState<double> state(x);
+  state.gradient.resize(x.size());
+  state.preconditioned.resize(x.size());
+  ASSERT_TRUE(objective.evaluate(x, state.gradient, state.preconditioned).is_valid);
+  objective.revise(state);
+  const auto joined = objective.active_elements();
+
+  auto all = make();
+  std::vector<std::vector<std::uint32_t>> turned(scales.size());
+  for (std::size_t s = 0; s < scales.size(); ++s)
+    if (scales[s]->oriented()) turned[s] = scales[s]->oriented()->turned();
+  all.set_active_blocks({});
+  all.set_active_elements(turned);
+  std::vector<double> spread(all.size(), 0.0), gradient(all.size()), preconditioned(all.size());
+  std::size_t from = 0, to = 0, fields = 0;
+  for (std::size_t s = 0; s < scales.size(); ++s) {
+    if (has_zeroth(scales[s]->options().orders)) {
+      std::copy_n(x.begin() + from, scales[s]->field_size(), spread.begin() + to);
+      from += scales[s]->field_size();
+      to += scales[s]->field_size();
+    }
+    to += turned[s].size();
+    if (scales[s]->has_first_order()) fields += 2;
+  }
+  ASSERT_EQ(from, x.size());
+  ASSERT_EQ(to, spread.size());
+  ASSERT_TRUE(all.evaluate(spread, gradient, preconditioned).is_valid);
+  std::size_t range_of = fields, pulling = 0, content = 0;
+  for (std::size_t s = 0; s < scales.size(); ++s) {
+    if (!scales[s]->oriented()) continue;
+    const GroupSparsity& wide = all.sparsity()[range_of];
+    const GroupSparsity& own = objective.sparsity()[range_of++];
+    std::size_t k = 0;
+    for (std::size_t e = 0; e < turned[s].size(); ++e) {
+      const double g = gradient[wide.begin + e];
+      const bool is_there = std::binary_search(joined[s].begin(), joined[s].end(), turned[s][e]);
+      EXPECT_EQ(is_there, std::abs(g) > wide.weight) << s << " " << turned[s][e];
+      (is_there ? pulling : content) += 1;
+      if (is_there) {
+        EXPECT_NEAR(state.gradient[own.begin + k++], g, 1e-12 * (1 + std::abs(g)));
+      }
+    }
+    EXPECT_EQ(k, joined[s].size());
+  }
+  EXPECT_GT(pulling, 10u);
+  EXPECT_GT(content, 10u);
+}
+
+TEST(OrientedModel, DoesNotDependOnTheNumberOfThreads) {
+  const Slip slip;
+  RegistrationOptions options = oriented_options();
+  options.optimisation.max_iterations = 12;
+  std::vector<std::vector<float>> fields;
+  for (int threads : {1, 2}) {
+    options.threads = threads;
+    fields.push_back(register_images<2>(slip.input, options).displacement.samples);
+  }
+  EXPECT_EQ(fields[0], fields[1]);
+}
+
+// Normals come from where a round began, which is gone when it is taken up again.
+TEST(OrientedModel, ResumesWithTheSameEnd) {
+  const Slip slip;
+  RegistrationOptions options = oriented_options();
+  options.optimisation.max_iterations = 9;
+  options.optimisation.tolerance = 0;
+  const RegistrationResult<2> whole = register_images<2>(slip.input, options);
+  const int steps = static_cast<int>(whole.summary.history.size());
+  for (int stop : {steps / 3, steps / 2, steps - 4}) {
+    std::string blob;
+    int taken = 0;
+    register_images<2>(slip.input, options,
+                       [&](const Progress&) { return blob.empty() ? ProgressAnswer::Continue : ProgressAnswer::Stop; },
+                       {.resume = {}, .offer = [&](const Progress&, const MakeCheckpoint& make) {
+                          if (++taken == stop) blob = make();
+                        }});
+    ASSERT_FALSE(blob.empty());
+    const RegistrationResult<2> resumed = register_images<2>(slip.input, options, {}, {.resume = blob, .offer = {}});
+    EXPECT_EQ(resumed.displacement.samples, whole.displacement.samples) << stop;
+  }
+}
+
+TEST(OrientedModel, IsRefusedWhereItMeansNothing) {
+  const auto is_refused = [](RegistrationOptions options) { return !problems(options).empty(); };
+  EXPECT_FALSE(is_refused(oriented_options()));
+  RegistrationOptions options = oriented_options();
+  options.momenta.sparsity = 0;
+  EXPECT_TRUE(is_refused(options));
+  options = oriented_options();
+  options.flow.evolution = Evolution::Exact;
+  EXPECT_TRUE(is_refused(options));
+  options = oriented_options();
+  options.momenta.first_order_scales = 0;
+  EXPECT_TRUE(is_refused(options));
+  const Slip slip;
+  EXPECT_THROW(register_images<2>(slip.input, oriented_options(13)), InvalidInput);
+}
+
+}  // namespace
+}  // namespace saltus
