@@ -15,7 +15,7 @@ struct PeersOptions {
   std::filesystem::path data;     ///< of the shared images
   std::filesystem::path program;  ///< saltus, beside saltusd and saltus-worker
   std::vector<std::string> methods{"saltus", "elastix", "plastimatch"};
-  std::vector<std::string> models{"sliding"};
+  std::vector<std::string> models{"auto"};
   std::vector<std::string> presets{"fast", "balanced", "accurate"};
   std::vector<int> threads{1};
   std::vector<int> sizes{1};

@@ -25,7 +25,7 @@ class Saltus final : public Method {
     build_ = build.value();
   }
 
-  std::string family() const override { return model_ == "sliding" ? "saltus" : "saltus " + model_; }
+  std::string family() const override { return model_ == "auto" ? "saltus" : "saltus " + model_; }
   std::string choice() const override { return preset_; }
   std::string setting(const PeerPair& pair, int threads) const override {
     std::string text = "build " + std::to_string(build_);

@@ -138,16 +138,16 @@ TEST_F(PeerMethods, SayWhereTheLogOfAFailedRunIs) {
 }
 
 TEST_F(PeerMethods, SaltusIsAnotherProgramAfterABuild) {
-  EXPECT_THROW(make_saltus(folder_.path() / "saltus", "sliding", "fast"), std::runtime_error);
+  EXPECT_THROW(make_saltus(folder_.path() / "saltus", "auto", "fast"), std::runtime_error);
   for (const char* name : {"saltus", "saltusd", "saltus-worker"}) script(name, "exit 0\n");
   const PeerPair pair = pair_2d();
-  const auto fast = make_saltus(folder_.path() / "saltus", "sliding", "fast");
+  const auto fast = make_saltus(folder_.path() / "saltus", "auto", "fast");
   const std::string before = fast->setting(pair, 1);
   EXPECT_EQ(fast->name(), "saltus fast");
-  EXPECT_NE(before, make_saltus(folder_.path() / "saltus", "sliding", "balanced")->setting(pair, 1));
+  EXPECT_NE(before, make_saltus(folder_.path() / "saltus", "auto", "balanced")->setting(pair, 1));
   EXPECT_EQ(make_saltus(folder_.path() / "saltus", "gaussian", "fast")->name(), "saltus gaussian fast");
   script("saltus-worker", "exit 1\n");
-  EXPECT_NE(before, make_saltus(folder_.path() / "saltus", "sliding", "fast")->setting(pair, 1));
+  EXPECT_NE(before, make_saltus(folder_.path() / "saltus", "auto", "fast")->setting(pair, 1));
 }
 
 // Oracle: the true field, and the program's own warped image.
