@@ -1,15 +1,10 @@
 #include "core/registration/matching_objective.h"
 
 #include "core/flow/divergence_penalty.h"
-#include "core/momenta/reweighting.h"
-#include "core/optimisation/lbfgs.h"
 #include "core/registration/interface_normals.h"
-#include "core/support/errors.h"
 
 #include <algorithm>
 #include <cmath>
-#include <functional>
-#include <iterator>
 
 namespace saltus {
 
@@ -33,50 +28,13 @@ MatchingObjective<Dim, T>::MatchingObjective(std::vector<MomentumScale<Dim, T>*>
                                              std::unique_ptr<Similarity<Dim, T>> similarity, double sparsity,
                                              const std::optional<Lattice<Dim>>& flow, double oriented_sparsity)
     : scales_(scales),
+      set_(std::move(scales), sparsity, oriented_sparsity),
       level_(level),
       similarity_(std::move(similarity)),
       flow_(flow.value_or(level.lattice)),
       to_level_(flow_, level.lattice, Dim),
-      shooting_(scales, flow_, level.time_steps, level.evolution, level.map_steps),
+      shooting_(scales_, flow_, level.time_steps, level.evolution, level.map_steps),
       map_(flow_, flow_, level.time_steps * level.map_steps) {
-  for (const MomentumScale<Dim, T>* scale : scales_) {
-    FirstOrder& first = first_.emplace_back();
-    first.range = sparsity_.size();
-    if (!scale->has_first_order()) continue;
-    const double weight = sparsity * scale->options().first_weight * scale->lattice().cell_volume();
-    if (scale->options().direction.empty()) {
-      first.fields = Dim;
-      for (int axis = 0; axis < Dim; ++axis)
-        sparsity_.push_back({0, 0, Dim, weight, 1 / scale->first_order_stiffness(axis), {}});
-    } else {
-      first.fields = 1;
-      first.along = std::make_unique<DirectionalMomentum<Dim, T>>(scale->options().direction);
-      first.spread.resize(Dim * scale->field_size());
-      first.spread_gradient.resize(Dim * scale->field_size());
-      // The stiffness of m_w is sum_i w_i^2 times those of the axes; one number must do, and their mean is near.
-      double stiffness = 0;
-      for (int axis = 0; axis < Dim; ++axis) stiffness += scale->first_order_stiffness(axis) / Dim;
-      sparsity_.push_back({0, 0, Dim, weight, 1 / stiffness, {}});
-    }
-    for (int field = 0; field < first.fields; ++field) blocks_.push_back(BlockSet<Dim>::all(scale->lattice()));
-  }
-  oriented_.resize(scales_.size());
-  for (std::size_t s = 0; s < scales_.size(); ++s) {
-    Oriented& oriented = oriented_[s];
-    oriented.momenta = scales_[s]->oriented();
-    oriented.range = sparsity_.size();
-    if (!oriented.momenta) continue;
-    const double weight =
-        oriented_sparsity * sparsity * scales_[s]->options().first_weight * scales_[s]->lattice().cell_volume();
-    // All normals have the same stiffness where samples are cubes; one number must do, and their mean is near.
-    const std::size_t normals = oriented.momenta->options().normals.size();
-    double stiffness = 0;
-    for (std::size_t n = 0; n < normals; ++n)
-      stiffness += oriented.momenta->stiffness(n) / static_cast<double>(normals);
-    sparsity_.push_back({0, 0, Dim - 1, weight, 1 / stiffness, {}});
-  }
-  factors_.resize(sparsity_.size());
-  lay_out();
   const std::size_t sites = level.lattice.sites();
   image_dual_.resize(sites);
   displacement_dual_.resize(Dim * sites);
@@ -102,537 +60,31 @@ void MatchingObjective<Dim, T>::on_work(std::function<void(double)> callback) {
   shooting_.on_work([this, expected] { on_work_(std::min(1.0, ++polls_ / expected)); });
 }
 
-/// Where everything lies in x with the blocks as they are.
-template <int Dim, class T>
-void MatchingObjective<Dim, T>::lay_out() {
-  size_ = 0;
-  zeroth_at_.clear();
-  for (std::size_t s = 0; s < scales_.size(); ++s) {
-    zeroth_at_.push_back(size_);
-    if (has_zeroth(scales_[s]->options().orders)) size_ += scales_[s]->field_size();
-    for (std::size_t r = first_[s].range; r < first_[s].range + first_[s].fields; ++r) {
-      sparsity_[r].begin = size_;
-      sparsity_[r].end = size_ += Dim * blocks_[r].sites();
-    }
-    first_[s].momentum.clear();
-    if (!oriented_[s].momenta) continue;
-    sparsity_[oriented_[s].range].begin = size_;
-    sparsity_[oriented_[s].range].end = size_ += (Dim - 1) * oriented_[s].active.size();
-    oriented_[s].listed.clear();
-  }
-}
-
-template <int Dim, class T>
-void MatchingObjective<Dim, T>::gather_factors() {
-  for (std::size_t r = 0; r < blocks_.size(); ++r) {
-    sparsity_[r].factors = std::vector<float>(factors_[r].empty() ? 0 : blocks_[r].sites());
-    if (!factors_[r].empty()) blocks_[r].gather(1, factors_[r].data(), sparsity_[r].factors.data());
-  }
-  for (const Oriented& oriented : oriented_) {
-    if (!oriented.momenta) continue;
-    std::vector<float>& factors = sparsity_[oriented.range].factors;
-    factors.clear();
-    if (factors_[oriented.range].empty()) continue;
-    for (std::uint32_t element : oriented.active) factors.push_back(factors_[oriented.range][element]);
-  }
-}
-
-template <int Dim, class T>
-bool MatchingObjective<Dim, T>::has_all_blocks(const FirstOrder& first) const {
-  for (std::size_t r = first.range; r < first.range + first.fields; ++r)
-    if (!blocks_[r].is_complete()) return false;
-  return true;
-}
-
-template <int Dim, class T>
-bool MatchingObjective<Dim, T>::has_more() const {
-  return lets_blocks_join_ && (!std::all_of(first_.begin(), first_.end(), [&](const FirstOrder& first) {
-           return has_all_blocks(first);
-         }) || std::any_of(oriented_.begin(), oriented_.end(), [](const Oriented& o) { return o.momenta != nullptr; }));
-}
-
-/// The active blocks by scale and axis; m_w along a direction is spread to all axes of its sites.
-template <int Dim, class T>
-std::vector<AxisBlocks<Dim>> MatchingObjective<Dim, T>::axis_blocks() const {
-  std::vector<AxisBlocks<Dim>> all(scales_.size());
-  for (std::size_t s = 0; s < scales_.size(); ++s)
-    for (int axis = 0; axis < Dim && first_[s].fields > 0; ++axis)
-      all[s][axis] = &blocks_[first_[s].range + (first_[s].along ? 0 : axis)];
-  return all;
-}
-
-/// The order-1 fields of a scale at all sites, as they are in x: with all blocks active they lie there so.
-template <int Dim, class T>
-const T* MatchingObjective<Dim, T>::all_sites(std::size_t scale, const std::vector<T>& x) const {
-  FirstOrder& first = first_[scale];
-  if (has_all_blocks(first)) return x.data() + sparsity_[first.range].begin;
-  const std::size_t count = scales_[scale]->field_size();
-  if (first.momentum.empty()) first.momentum.assign(first.fields * count, T(0));
-  // Outside the active blocks it stays 0 from one x to the next; lay_out empties it when blocks change.
-  for (int field = 0; field < first.fields; ++field)
-    blocks_[first.range + field].scatter_within(Dim, x.data() + sparsity_[first.range + field].begin,
-                                                first.momentum.data() + field * count);
-  return first.momentum.data();
-}
-
-/// Where their gradient is at all sites, as the last evaluation left it.
-template <int Dim, class T>
-T* MatchingObjective<Dim, T>::gradient_at_all_sites(std::size_t scale, std::vector<T>& gradient) {
-  FirstOrder& first = first_[scale];
-  if (has_all_blocks(first)) return gradient.data() + sparsity_[first.range].begin;
-  first.gradient.resize(first.fields * scales_[scale]->field_size());
-  return first.gradient.data();
-}
-
-template <int Dim, class T>
-std::vector<MomentumPointers<T>> MatchingObjective<Dim, T>::pointers(const std::vector<T>& x) const {
-  std::vector<MomentumPointers<T>> all(scales_.size());
-  for (std::size_t s = 0; s < scales_.size(); ++s) {
-    if (has_zeroth(scales_[s]->options().orders)) all[s].zeroth = x.data() + zeroth_at_[s];
-    if (oriented_[s].momenta) {
-      all[s].elements = &oriented_[s].active;
-      all[s].oriented = x.data() + sparsity_[oriented_[s].range].begin;
-    }
-    FirstOrder& first = first_[s];
-    if (first.fields == 0) continue;
-    all[s].first = all_sites(s, x);
-    if (!first.along) continue;
-    first.along->expand(all[s].first, first.spread.data());
-    all[s].first = first.spread.data();
-  }
-  return all;
-}
-
-template <int Dim, class T>
-std::vector<MomentumTargets<T>> MatchingObjective<Dim, T>::targets(std::vector<T>& gradient, bool with_first) {
-  std::vector<MomentumTargets<T>> all(scales_.size());
-  for (std::size_t s = 0; s < scales_.size(); ++s) {
-    if (has_zeroth(scales_[s]->options().orders)) all[s].zeroth = gradient.data() + zeroth_at_[s];
-    if (oriented_[s].momenta && with_first)
-      all[s].oriented = oriented_[s].listed.empty() ? gradient.data() + sparsity_[oriented_[s].range].begin
-                                                    : oriented_[s].gradient.data();
-    if (first_[s].fields == 0 || !with_first) continue;
-    all[s].first = first_[s].along ? first_[s].spread_gradient.data() : gradient_at_all_sites(s, gradient);
-  }
-  return all;
-}
-
-/// Brings the order-1 gradients from where `targets` had them made to x's layout, and preconditions them.
-template <int Dim, class T>
-void MatchingObjective<Dim, T>::finish_gradient(std::vector<T>& gradient, std::vector<T>& preconditioned) {
-  for (std::size_t s = 0; s < scales_.size(); ++s) {
-    const FirstOrder& first = first_[s];
-    if (first.fields == 0) continue;
-    const std::size_t count = scales_[s]->field_size();
-    T* all = gradient_at_all_sites(s, gradient);
-    if (first.along) first.along->contract(first.spread_gradient.data(), all);
-    if (shear_only_) drop_normal_components(first, count, all);
-    for (int field = 0; field < first.fields; ++field) {
-      const GroupSparsity& range = sparsity_[first.range + field];
-      if (!has_all_blocks(first))
-        blocks_[first.range + field].gather(Dim, all + field * count, gradient.data() + range.begin);
-      const T factor = static_cast<T>(range.inverse_stiffness);
-      for (std::size_t i = range.begin; i < range.end; ++i) preconditioned[i] = factor * gradient[i];
-    }
-  }
-  for (const Oriented& oriented : oriented_) {
-    if (!oriented.momenta) continue;
-    const GroupSparsity& range = sparsity_[oriented.range];
-    std::size_t at = range.begin;
-    for (std::size_t e = 0, k = 0; e < oriented.listed.size() && k < oriented.active.size(); ++e) {
-      if (oriented.listed[e] != oriented.active[k]) continue;
-      for (int c = 0; c < Dim - 1; ++c) gradient[at++] = oriented.gradient[(Dim - 1) * e + c];
-      ++k;
-    }
-    const T factor = static_cast<T>(range.inverse_stiffness);
-    for (std::size_t i = range.begin; i < range.end; ++i) preconditioned[i] = factor * gradient[i];
-  }
-}
-
-/// What may join beside the active elements, for a look at x.
-template <int Dim, class T>
-void MatchingObjective<Dim, T>::list_candidates(std::size_t scale, const std::vector<T>& x) {
-  Oriented& oriented = oriented_[scale];
-  const std::vector<std::uint32_t>& candidates = oriented.momenta->turned();
-  const T* values = x.data() + sparsity_[oriented.range].begin;
-  oriented.listed.clear();
-  std::set_union(candidates.begin(), candidates.end(), oriented.active.begin(), oriented.active.end(),
-                 std::back_inserter(oriented.listed));
-  oriented.values.assign((Dim - 1) * oriented.listed.size(), T(0));
-  oriented.gradient.assign(oriented.values.size(), T(0));
-  for (std::size_t e = 0, k = 0; e < oriented.listed.size() && k < oriented.active.size(); ++e) {
-    if (oriented.listed[e] != oriented.active[k]) continue;
-    std::copy_n(values + (Dim - 1) * k++, Dim - 1,
-                oriented.values.begin() + static_cast<std::ptrdiff_t>((Dim - 1) * e));
-  }
-}
-
-/// The elements that are to be there from now on; `changes` becomes true when they are not those that are.
-template <int Dim, class T>
-std::vector<std::uint32_t> MatchingObjective<Dim, T>::wanted_elements(const Oriented& oriented,
-                                                                      const MinimiserState<T>& state, bool& changes) {
-  const GroupSparsity& range = sparsity_[oriented.range];
-  const std::vector<float>& factors = factors_[oriented.range];
-  const auto is_zero = [](const T* values) {
-    return std::all_of(values, values + Dim - 1, [](T value) { return value == T(0); });
-  };
-  const auto pulls = [&](std::uint32_t element, const T* gradient) {
-    double square = 0;
-    for (int c = 0; c < Dim - 1; ++c) square += static_cast<double>(gradient[c]) * gradient[c];
-    return std::sqrt(square) > (factors.empty() ? range.weight : range.weight * factors[element]);
-  };
-  std::vector<std::uint32_t> staying, joining;
-  for (std::size_t e = 0; e < oriented.active.size(); ++e) {
-    const std::size_t at = range.begin + (Dim - 1) * e;
-    bool stays =
-        range.weight == 0 || !is_zero(state.x.data() + at) || pulls(oriented.active[e], state.gradient.data() + at);
-    for (const CurvaturePair<T>& pair : state.pairs) stays = stays || !is_zero(pair.s.data() + at);
-    if (stays) staying.push_back(oriented.active[e]);
-  }
-  for (std::size_t e = 0; e < oriented.listed.size(); ++e)
-    if (pulls(oriented.listed[e], oriented.gradient.data() + (Dim - 1) * e) &&
-        !std::binary_search(oriented.active.begin(), oriented.active.end(), oriented.listed[e]))
-      joining.push_back(oriented.listed[e]);
-  const std::size_t idle = oriented.active.size() - staying.size();
-  const bool shrinks = idle > 0 && 4 * idle >= oriented.active.size();
-  changes = changes || shrinks || !joining.empty();
-  const std::vector<std::uint32_t>& kept = shrinks ? staying : oriented.active;
-  std::vector<std::uint32_t> now;
-  std::merge(kept.begin(), kept.end(), joining.begin(), joining.end(), std::back_inserter(now));
-  return now;
-}
-
-template <int Dim, class T>
-void MatchingObjective<Dim, T>::drop_normal_components(const FirstOrder& first, std::size_t field_size,
-                                                       T* values) const {
-  if (first.along) {
-    first.along->drop_normal(values);
-    return;
-  }
-  for (std::size_t axis = 0; axis < Dim; ++axis)
-    for (std::size_t i = axis; i < field_size; i += Dim) values[axis * field_size + i] = 0;
-}
-
-template <int Dim, class T>
-bool MatchingObjective<Dim, T>::revise(MinimiserState<T>& state) {
-  // Which blocks have to be there: momenta that are, or were within the pairs, other than 0, and those that want to be.
-  std::vector<std::vector<char>> wanted(blocks_.size());
-  std::size_t active = 0, idle = 0, joining = 0;
-  for (std::size_t s = 0; s < scales_.size(); ++s) {
-    const FirstOrder& first = first_[s];
-    for (int field = 0; field < first.fields; ++field) {
-      const std::size_t r = first.range + field;
-      const GroupSparsity& range = sparsity_[r];
-      const BlockSet<Dim>& blocks = blocks_[r];
-      std::vector<char>& needed = wanted[r];
-      needed.assign(blocks.blocks(), range.weight == 0);
-      blocks.mark_nonzero(Dim, state.x.data() + range.begin, needed);
-      for (const CurvaturePair<T>& pair : state.pairs) blocks.mark_nonzero(Dim, pair.s.data() + range.begin, needed);
-      const T* gradient = gradient_at_all_sites(s, state.gradient) + field * scales_[s]->field_size();
-      const std::vector<float>& factors = factors_[r];
-      const std::size_t count = needed.size();
-      std::vector<char> is_active(count, 0);
-      for (std::uint32_t block : blocks.active()) is_active[block] = 1;
-#pragma omp parallel for schedule(static)
-      for (std::size_t block = 0; block < count; ++block)
-        if (!needed[block] && (looks_everywhere_ || is_active[block]))
-          needed[block] = blocks.any_site(block, [&](std::size_t site) {
-            double square = 0;
-            for (int k = 0; k < Dim; ++k) {
-              const double g = gradient[Dim * site + k];
-              square += g * g;
-            }
-            return std::sqrt(square) > (factors.empty() ? range.weight : range.weight * factors[site]);
-          });
-      const auto all = static_cast<std::size_t>(std::count(needed.begin(), needed.end(), 1));
-      std::size_t staying = 0;
-      for (std::uint32_t block : blocks.active()) staying += needed[block];
-      active += blocks.active().size();
-      idle += blocks.active().size() - staying;
-      joining += all - staying;
-    }
-  }
-  const bool has_to_shrink = idle > 0 && 4 * idle >= active;
-  std::vector<std::vector<std::uint32_t>> elements(scales_.size());
-  bool elements_change = false;
-  for (std::size_t s = 0; s < scales_.size(); ++s)
-    if (oriented_[s].momenta) elements[s] = wanted_elements(oriented_[s], state, elements_change);
-  if (joining == 0 && !has_to_shrink && !elements_change) return false;
-
-  // From here on the layout changes; what was complete has its gradient in the state, all else at all sites.
-  std::vector<char> was_complete;
-  for (const FirstOrder& first : first_) was_complete.push_back(has_all_blocks(first));
-  const std::vector<std::size_t> zeroth_before = zeroth_at_;
-  const std::vector<BlockSet<Dim>> blocks_before = blocks_;
-  std::vector<std::size_t> begin_before;
-  for (const GroupSparsity& range : sparsity_) begin_before.push_back(range.begin);
-  for (std::size_t s = 0; s < scales_.size(); ++s)
-    for (std::size_t r = first_[s].range; r < first_[s].range + first_[s].fields; ++r) {
-      if (!has_to_shrink)
-        for (std::uint32_t block : blocks_[r].active()) wanted[r][block] = 1;
-      std::vector<std::uint32_t> numbers;
-      for (std::size_t block = 0; block < wanted[r].size(); ++block)
-        if (wanted[r][block]) numbers.push_back(static_cast<std::uint32_t>(block));
-      blocks_[r] = BlockSet<Dim>(scales_[s]->lattice(), std::move(numbers));
-    }
-  std::vector<Oriented> oriented_before = oriented_;
-  for (std::size_t s = 0; s < scales_.size(); ++s) oriented_[s].active = std::move(elements[s]);
-  lay_out();
-  gather_factors();
-
-  /// Values of the elements that there are now from those of `theirs`; others become 0.
-  const auto pick = [&](std::size_t s, const std::vector<std::uint32_t>& theirs, const T* from, T* to) {
-    for (std::size_t e = 0, k = 0; e < oriented_[s].active.size(); ++e) {
-      while (k < theirs.size() && theirs[k] < oriented_[s].active[e]) ++k;
-      if (k < theirs.size() && theirs[k] == oriented_[s].active[e])
-        std::copy_n(from + (Dim - 1) * k, Dim - 1, to + (Dim - 1) * e);
-    }
-  };
-  const auto reshape = [&](std::vector<T>& values) {
-    std::vector<T> now(size_);
-    for (std::size_t s = 0; s < scales_.size(); ++s)
-      if (has_zeroth(scales_[s]->options().orders))
-        std::copy_n(values.data() + zeroth_before[s], scales_[s]->field_size(), now.data() + zeroth_at_[s]);
-    for (std::size_t r = 0; r < blocks_.size(); ++r)
-      blocks_[r].gather_from(blocks_before[r], Dim, values.data() + begin_before[r], now.data() + sparsity_[r].begin);
-    for (std::size_t s = 0; s < scales_.size(); ++s)
-      if (oriented_[s].momenta)
-        pick(s, oriented_before[s].active, values.data() + begin_before[oriented_[s].range],
-             now.data() + sparsity_[oriented_[s].range].begin);
-    values = std::move(now);
-  };
-  reshape(state.x);
-  reshape(state.gradient);
-  reshape(state.preconditioned);
-  for (CurvaturePair<T>& pair : state.pairs) {
-    reshape(pair.s);
-    reshape(pair.y);
-    reshape(pair.y_preconditioned);
-  }
-  for (std::size_t s = 0; s < scales_.size(); ++s)
-    for (int field = 0; field < first_[s].fields && !was_complete[s]; ++field) {
-      const GroupSparsity& range = sparsity_[first_[s].range + field];
-      blocks_[first_[s].range + field].gather(Dim, first_[s].gradient.data() + field * scales_[s]->field_size(),
-                                              state.gradient.data() + range.begin);
-      const T factor = static_cast<T>(range.inverse_stiffness);
-      for (std::size_t i = range.begin; i < range.end; ++i) state.preconditioned[i] = factor * state.gradient[i];
-    }
-  for (std::size_t s = 0; s < scales_.size(); ++s) {
-    if (oriented_before[s].listed.empty()) continue;
-    const GroupSparsity& range = sparsity_[oriented_[s].range];
-    pick(s, oriented_before[s].listed, oriented_before[s].gradient.data(), state.gradient.data() + range.begin);
-    const T factor = static_cast<T>(range.inverse_stiffness);
-    for (std::size_t i = range.begin; i < range.end; ++i) state.preconditioned[i] = factor * state.gradient[i];
-  }
-  return true;
-}
-
-template <int Dim, class T>
-std::vector<std::vector<std::uint32_t>> MatchingObjective<Dim, T>::active_blocks() const {
-  std::vector<std::vector<std::uint32_t>> active;
-  for (const BlockSet<Dim>& blocks : blocks_) active.push_back(blocks.active());
-  return active;
-}
-
-template <int Dim, class T>
-void MatchingObjective<Dim, T>::set_active_blocks(const std::vector<std::vector<std::uint32_t>>& active) {
-  if (active.size() > blocks_.size())
-    throw InvalidInput("the active blocks are those of " + std::to_string(active.size()) + " fields and there are " +
-                       std::to_string(blocks_.size()) + " fields of first-order momenta; give no more than that");
-  std::vector<BlockSet<Dim>> now;
-  for (std::size_t s = 0; s < scales_.size(); ++s)
-    for (std::size_t r = first_[s].range; r < first_[s].range + first_[s].fields; ++r) {
-      const Lattice<Dim>& lattice = scales_[s]->lattice();
-      now.push_back(r < active.size()          ? BlockSet<Dim>(lattice, active[r])
-                    : sparsity_[r].weight == 0 ? BlockSet<Dim>::all(lattice)
-                                               : BlockSet<Dim>::none(lattice));
-    }
-  blocks_ = std::move(now);
-  lay_out();
-  gather_factors();
-}
-
-template <int Dim, class T>
-std::vector<std::vector<std::uint32_t>> MatchingObjective<Dim, T>::active_elements() const {
-  std::vector<std::vector<std::uint32_t>> active;
-  for (const Oriented& oriented : oriented_) active.push_back(oriented.active);
-  return active;
-}
-
-template <int Dim, class T>
-void MatchingObjective<Dim, T>::set_active_elements(const std::vector<std::vector<std::uint32_t>>& active) {
-  for (std::size_t s = 0; s < active.size(); ++s) {
-    const std::vector<std::uint32_t>& list = active[s];
-    const std::size_t count = s < oriented_.size() && oriented_[s].momenta ? oriented_[s].momenta->elements() : 0;
-    if (!list.empty() &&
-        (list.back() >= count || std::adjacent_find(list.begin(), list.end(), std::greater_equal<>()) != list.end()))
-      throw InvalidInput("the active elements of scale " + std::to_string(s + 1) + " are no rising numbers below " +
-                         std::to_string(count) + ", of which there are so many elements");
-  }
-  for (std::size_t s = 0; s < oriented_.size(); ++s)
-    oriented_[s].active = s < active.size() ? active[s] : std::vector<std::uint32_t>();
-  lay_out();
-  gather_factors();
-}
-
-template <int Dim, class T>
-double MatchingObjective<Dim, T>::active_block_share() const {
-  std::size_t active = 0, all = 0;
-  for (const BlockSet<Dim>& blocks : blocks_) {
-    active += blocks.active().size();
-    all += blocks.blocks();
-  }
-  return all > 0 ? static_cast<double>(active) / static_cast<double>(all) : 0;
-}
-
-template <int Dim, class T>
-void MatchingObjective<Dim, T>::turn_oriented(const std::vector<T>& x) {
-  if (std::none_of(oriented_.begin(), oriented_.end(), [](const Oriented& o) { return o.momenta != nullptr; })) return;
-  const InterfaceNormals<Dim, T> interface(flow_, velocities(x)[0]);
-  for (const Oriented& oriented : oriented_)
-    if (oriented.momenta) oriented.momenta->turn(interface.on(oriented.momenta->lattice()));
-}
-
-template <int Dim, class T>
-std::vector<std::vector<float>> MatchingObjective<Dim, T>::turned_normals() const {
-  std::vector<std::vector<float>> normals(oriented_.size());
-  for (std::size_t s = 0; s < oriented_.size(); ++s)
-    if (oriented_[s].momenta)
-      normals[s].assign(oriented_[s].momenta->turned_normals().begin(), oriented_[s].momenta->turned_normals().end());
-  return normals;
-}
-
-template <int Dim, class T>
-void MatchingObjective<Dim, T>::restore_turned_normals(const std::vector<std::vector<float>>& normals) {
-  bool fits = normals.size() == oriented_.size();
-  for (std::size_t s = 0; fits && s < normals.size(); ++s)
-    fits = normals[s].empty() || (oriented_[s].momenta && normals[s].size() == scales_[s]->field_size());
-  if (!fits)
-    throw InvalidInput("the turned normals are those of " + std::to_string(normals.size()) + " scales for " +
-                       std::to_string(oriented_.size()) + ", or of other lattices");
-  for (std::size_t s = 0; s < normals.size(); ++s)
-    if (oriented_[s].momenta) oriented_[s].momenta->turn({normals[s].begin(), normals[s].end()});
-}
-
-template <int Dim, class T>
-void MatchingObjective<Dim, T>::weigh(const SparsityRound& round, const std::vector<T>& x) {
-  lets_blocks_join_ = round.lets_blocks_join;
-  turn_oriented(x);
-  for (std::size_t s = 0; s < scales_.size(); ++s) {
-    if (first_[s].fields == 0) continue;
-    const Lattice<Dim>& lattice = scales_[s]->lattice();
-    const int fields = first_[s].fields;
-    std::vector<std::vector<float>> factors;
-    if (oriented_[s].momenta) {
-      weigh_with_oriented(round, s, x);
-      continue;
-    }
-    switch (round.weights) {
-      case SparsityRound::Weights::Even:
-        factors.assign(fields, std::vector<float>(round.factor == 1 ? 0 : lattice.sites(), round.factor));
-        break;
-      case SparsityRound::Weights::Reweighted:
-        factors = reweighted_factors<Dim, T>(lattice, all_sites(s, x), fields);
-        break;
-      case SparsityRound::Weights::Debiased:
-        factors = support_factors<Dim, T>(lattice, all_sites(s, x), fields);
-        break;
-    }
-    std::move(factors.begin(), factors.end(), factors_.begin() + static_cast<std::ptrdiff_t>(first_[s].range));
-  }
-  gather_factors();
-}
-
-/// The same for a scale with oriented momenta: all its first orders, oriented or not, are judged together.
-template <int Dim, class T>
-void MatchingObjective<Dim, T>::weigh_with_oriented(const SparsityRound& round, std::size_t scale,
-                                                    const std::vector<T>& x) {
-  const FirstOrder& first = first_[scale];
-  const Oriented& oriented = oriented_[scale];
-  const Lattice<Dim>& lattice = scales_[scale]->lattice();
-  const std::size_t normals = oriented.momenta->options().normals.size(), sites = lattice.sites();
-  std::vector<std::vector<float>> sizes = momentum_sizes<Dim, T>(lattice, all_sites(scale, x), first.fields);
-  sizes.resize(first.fields + normals, std::vector<float>(sites, 0.0f));
-  const T* values = x.data() + sparsity_[oriented.range].begin;
-  for (std::size_t e = 0; e < oriented.active.size(); ++e) {
-    double square = 0;
-    for (int c = 0; c < Dim - 1; ++c) square += std::pow(static_cast<double>(values[(Dim - 1) * e + c]), 2);
-    const std::uint32_t element = oriented.active[e];
-    sizes[first.fields + oriented.momenta->normal_of(element)][oriented.momenta->site_of(element)] =
-        static_cast<float>(std::sqrt(square));
-  }
-  std::vector<std::vector<float>> factors;
-  switch (round.weights) {
-    case SparsityRound::Weights::Even:
-      factors.assign(sizes.size(), std::vector<float>(round.factor == 1 ? 0 : sites, static_cast<float>(round.factor)));
-      break;
-    case SparsityRound::Weights::Reweighted:
-      factors = reweighted_factors<Dim>(lattice, std::move(sizes));
-      break;
-    case SparsityRound::Weights::Debiased:
-      factors = support_factors(std::move(sizes));
-      break;
-  }
-  std::vector<float>& together = factors_[oriented.range];
-  together.clear();
-  for (std::size_t n = 0; n < normals; ++n)
-    together.insert(together.end(), factors[first.fields + n].begin(), factors[first.fields + n].end());
-  std::move(factors.begin(), factors.begin() + first.fields,
-            factors_.begin() + static_cast<std::ptrdiff_t>(first.range));
-}
-
-template <int Dim, class T>
-void MatchingObjective<Dim, T>::restore_weights(const SparsityRound& round,
-                                                const std::vector<std::vector<float>>& factors) {
-  bool fits = factors.size() == sparsity_.size();
-  for (std::size_t r = 0; fits && r < blocks_.size(); ++r)
-    fits = factors[r].empty() || factors[r].size() == blocks_[r].all_sites();
-  for (const Oriented& oriented : oriented_)
-    if (fits && oriented.momenta)
-      fits = factors[oriented.range].empty() || factors[oriented.range].size() == oriented.momenta->elements();
-  if (!fits)
-    throw InvalidInput("the sparsity factors are " + std::to_string(factors.size()) + " lists for " +
-                       std::to_string(sparsity_.size()) + " fields of first-order momenta, or of other lengths");
-  lets_blocks_join_ = round.lets_blocks_join;
-  factors_ = factors;
-  gather_factors();
-}
-
 template <int Dim, class T>
 Evaluation MatchingObjective<Dim, T>::evaluate(const std::vector<T>& x, std::vector<T>& gradient,
                                                std::vector<T>& preconditioned) {
   polls_ = 0;
   if (on_work_) on_work_(0);
-  std::vector<MomentumPointers<T>> momenta = pointers(x);
-  for (std::size_t s = 0; s < scales_.size(); ++s) {
-    if (!oriented_[s].momenta) continue;
-    oriented_[s].listed.clear();
-    if (!looks_everywhere_) continue;
-    list_candidates(s, x);
-    if (oriented_[s].listed.empty()) continue;
-    momenta[s].elements = &oriented_[s].listed;
-    momenta[s].oriented = oriented_[s].values.data();
-  }
+  const std::vector<MomentumPointers<T>> momenta = set_.evaluated(x);
   std::fill(gradient.begin(), gradient.end(), T(0));
   std::fill(preconditioned.begin(), preconditioned.end(), T(0));
-  const std::vector<MomentumTargets<T>> gradients = targets(gradient, true), scaled = targets(preconditioned, false);
+  const std::vector<MomentumTargets<T>> gradients = set_.targets(gradient, true),
+                                        scaled = set_.targets(preconditioned, false);
 
   // The penalty's gradient is a V K m, so its preconditioned form is m itself.
   parts_ = {};
-  ActiveBlocks<Dim> blocks{axis_blocks(), axis_blocks()};
-  if (looks_everywhere_) blocks.wanted.assign(scales_.size(), {});
+  const ActiveBlocks<Dim> blocks = set_.blocks();
   for (std::size_t s = 0; s < scales_.size(); ++s) {
     MomentumMasks<Dim> at = scales_[s]->everywhere(), wanted = at;
-    if (first_[s].fields > 0) {
+    if (scales_[s]->has_first_order()) {
       at.first = masks_of<Dim>(scales_[s]->lattice(), blocks.momenta[s]);
       wanted.first = masks_of<Dim>(scales_[s]->lattice(), blocks.wanted[s]);
     }
     parts_.regularisation +=
         scales_[s]->penalty(momenta[s].zeroth, momenta[s].first, at, wanted, gradients[s].zeroth, gradients[s].first);
     if (momenta[s].zeroth) std::copy_n(momenta[s].zeroth, scales_[s]->field_size(), scaled[s].zeroth);
-    if (oriented_[s].momenta)
-      parts_.regularisation +=
-          oriented_[s].momenta->penalty(*momenta[s].elements, momenta[s].oriented, gradients[s].oriented);
+    if (OrientedMomenta<Dim, T>* oriented = scales_[s]->oriented())
+      parts_.regularisation += oriented->penalty(*momenta[s].elements, momenta[s].oriented, gradients[s].oriented);
   }
 
   shooting_.shoot(momenta, blocks);
@@ -668,50 +120,37 @@ Evaluation MatchingObjective<Dim, T>::evaluate(const std::vector<T>& x, std::vec
   if (!to_level_.is_identity()) to_level_.transpose(displacement_dual_.data(), map_dual_.data());
   map_.adjoint(shooting_.velocities(), to_level_.is_identity() ? displacement_dual_ : map_dual_, velocity_duals_);
   shooting_.adjoint(momenta, velocity_duals_, gradients, scaled);
-  finish_gradient(gradient, preconditioned);
+  set_.finish_gradient(gradient, preconditioned);
   const double energy = parts_.similarity + parts_.regularisation;
   return {energy, std::isfinite(energy)};
 }
 
 template <int Dim, class T>
 FirstOrderPromise MatchingObjective<Dim, T>::first_order_promise(const std::vector<T>& x) {
-  looks_everywhere_ = true;
-  std::vector<T> gradient(size_), preconditioned(size_);
+  set_.look_everywhere(true);
+  std::vector<T> gradient(size()), preconditioned(size());
   evaluate(x, gradient, preconditioned);
-  double gain = 0, along = 0, across = 0;
-  for (std::size_t s = 0; s < scales_.size(); ++s)
-    for (int axis = 0; axis < first_[s].fields; ++axis) {
-      const std::size_t r = first_[s].range + axis;
-      const T* all = gradient_at_all_sites(s, gradient) + axis * scales_[s]->field_size();
-      for (std::size_t site = 0; site < scales_[s]->lattice().sites(); ++site) {
-        double square = 0;
-        for (int k = 0; k < Dim; ++k) square += static_cast<double>(all[Dim * site + k]) * all[Dim * site + k];
-        const double above = std::sqrt(square) - sparsity_[r].weight * (factors_[r].empty() ? 1.0 : factors_[r][site]);
-        if (!(above > 0)) continue;
-        const double normal = static_cast<double>(all[Dim * site + axis]) * all[Dim * site + axis];
-        gain += sparsity_[r].inverse_stiffness / 2 * above * above;
-        along += sparsity_[r].inverse_stiffness * (square - normal) / (Dim - 1);
-        across += sparsity_[r].inverse_stiffness * normal;
-      }
-    }
-  FirstOrderPromise promise;
-  if (parts_.similarity != 0) promise.gain = gain / std::abs(parts_.similarity);
-  if (across > 0) promise.shear = along / across;
-  return promise;
+  return set_.promise(gradient, parts_.similarity);
+}
+
+template <int Dim, class T>
+void MatchingObjective<Dim, T>::weigh(const SparsityRound& round, const std::vector<T>& x) {
+  if (set_.has_oriented()) set_.turn(InterfaceNormals<Dim, T>(flow_, velocities(x)[0]));
+  set_.weigh(round, x);
 }
 
 template <int Dim, class T>
 double MatchingObjective<Dim, T>::first_step(const std::vector<T>& direction) {
   // Half a voxel of motion somewhere: large enough to learn the curvature from, small enough to stay where it holds.
-  const std::vector<MomentumPointers<T>> momenta = pointers(direction);
+  const std::vector<MomentumPointers<T>> momenta = set_.pointers(direction);
   double largest = 0;
   for (std::size_t s = 0; s < scales_.size(); ++s) {
     Field<T> velocity(scales_[s]->field_size());
     scales_[s]->synthesise(momenta[s].zeroth, momenta[s].first, velocity.data());
-    if (oriented_[s].momenta) {
+    if (OrientedMomenta<Dim, T>* oriented = scales_[s]->oriented()) {
       std::vector<T> corners;
-      oriented_[s].momenta->place(*momenta[s].elements, corners);
-      oriented_[s].momenta->add_velocity(*momenta[s].elements, corners.data(), momenta[s].oriented, velocity.data());
+      oriented->place(*momenta[s].elements, corners);
+      oriented->add_velocity(*momenta[s].elements, corners.data(), momenta[s].oriented, velocity.data());
     }
     for (T v : velocity) largest = std::max(largest, std::abs(static_cast<double>(v)));
   }
@@ -721,13 +160,13 @@ double MatchingObjective<Dim, T>::first_step(const std::vector<T>& direction) {
 
 template <int Dim, class T>
 const std::vector<Field<T>>& MatchingObjective<Dim, T>::velocities(const std::vector<T>& x) {
-  shooting_.shoot(pointers(x));
+  shooting_.shoot(set_.pointers(x));
   return shooting_.velocities();
 }
 
 template <int Dim, class T>
 std::vector<double> MatchingObjective<Dim, T>::hamiltonians(const std::vector<T>& x) {
-  return shooting_.hamiltonians(pointers(x));
+  return shooting_.hamiltonians(set_.pointers(x));
 }
 
 template void warp_level(const MatchingLevel<2, float>&, const Field<float>&, std::vector<float>&, std::vector<float>&);

@@ -32,8 +32,7 @@ template <int Dim>
 PyramidRun<Dim>::PyramidRun(const RegistrationInput<Dim>& input, const RegistrationOptions& options,
                             const Field<double>& directions, bool is_blank, const ProgressCallback& progress,
                             const Checkpointing& checkpointing)
-    : input_(input),
-      options_(options),
+    : options_(options),
       is_blank_(is_blank),
       progress_(progress),
       checkpointing_(checkpointing),
@@ -179,10 +178,11 @@ void PyramidRun<Dim>::make_objective(const SparsityRound& round) {
       make_similarity<Dim, Scalar>(options_.similarity, images_.lattice, options_.similarity_parameters,
                                    level_.spacing_mm),
       options_.momenta.sparsity, flow, options_.momenta.oriented_sparsity);
-  if (options_.momenta.shear_only) objective_->keep_shear_only();
+  if (options_.momenta.shear_only) objective_->working_set().keep_shear_only();
   // Finer scales begin with none, and where order 0 is alone nothing has any.
-  objective_->set_active_blocks(smooth ? std::vector<std::vector<std::uint32_t>>{} : reached_.active_blocks);
-  objective_->set_active_elements(reached_.active_elements);
+  objective_->working_set().set_active_blocks(smooth ? std::vector<std::vector<std::uint32_t>>{}
+                                                     : reached_.active_blocks);
+  objective_->working_set().set_active_elements(reached_.active_elements);
   objective_->on_work([this](double share) { count_work(share); });
 }
 
@@ -191,8 +191,8 @@ void PyramidRun<Dim>::run_rounds() {
   try {
     for (std::size_t round = is_resumed_ ? level_.rounds - 1 : 0; round < rounds_.size(); ++round) {
       if (is_resumed_) {
-        objective_->restore_weights(rounds_[round], reached_.sparsity_factors);
-        objective_->restore_turned_normals(reached_.turned_normals);
+        objective_->working_set().restore_weights(rounds_[round], reached_.sparsity_factors);
+        objective_->working_set().restore_turned_normals(reached_.turned_normals);
         is_resumed_ = false;
       } else {
         if (round == 1 && decides_ && !first_orders_are_worth_it()) break;
@@ -211,8 +211,8 @@ template <int Dim>
 void PyramidRun<Dim>::begin_round(std::size_t round) {
   std::vector<Scalar>& momenta = reached_.minimiser.x;
   level_.rounds = static_cast<int>(round) + 1;
-  reached_.active_blocks = objective_->active_blocks();
-  reached_.active_elements = objective_->active_elements();
+  reached_.active_blocks = objective_->working_set().active_blocks();
+  reached_.active_elements = objective_->working_set().active_elements();
   make_objective(rounds_[round]);
   objective_->weigh(rounds_[round], momenta);
   reached_.minimiser = MinimiserState<Scalar>(std::move(momenta));
@@ -256,9 +256,9 @@ bool PyramidRun<Dim>::first_orders_are_worth_it() {
 template <int Dim>
 void PyramidRun<Dim>::end_level() {
   reached_.minimiser = MinimiserState<Scalar>(std::move(reached_.minimiser.x));  // the curvature's memory goes
-  reached_.active_blocks = objective_->active_blocks();
-  reached_.active_elements = objective_->active_elements();
-  level_.active_block_share = objective_->active_block_share();
+  reached_.active_blocks = objective_->working_set().active_blocks();
+  reached_.active_elements = objective_->working_set().active_elements();
+  level_.active_block_share = objective_->working_set().active_block_share();
   objective_->on_work({});
   meter_.end(step_);
   count_level_time(level_);
@@ -313,10 +313,10 @@ std::string PyramidRun<Dim>::make_checkpoint() {
   reached_.level = level_;
   count_level_time(reached_.level);
   reached_.optimality_reference = how_.optimality_reference;
-  reached_.sparsity_factors = objective_->weights();
-  reached_.active_blocks = objective_->active_blocks();
-  reached_.active_elements = objective_->active_elements();
-  reached_.turned_normals = objective_->turned_normals();
+  reached_.sparsity_factors = objective_->working_set().weights();
+  reached_.active_blocks = objective_->working_set().active_blocks();
+  reached_.active_elements = objective_->working_set().active_elements();
+  reached_.turned_normals = objective_->working_set().turned_normals();
   reached_.levels = summary_.levels;
   reached_.history = summary_.history;
   reached_.seconds = seconds_before_ + whole_.seconds();

@@ -62,7 +62,6 @@ class PyramidRun {
   std::string make_checkpoint();
   void count_level_time(LevelSummary& at) const;
 
-  const RegistrationInput<Dim>& input_;
   const RegistrationOptions& options_;
   const bool is_blank_;
   const ProgressCallback& progress_;

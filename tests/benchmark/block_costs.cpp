@@ -104,13 +104,14 @@ std::vector<Row> block_cost_rows(bool is_quick, std::ostream& progress) {
     for (const Choice& choice : choices(level.lattice))
       for (const bool looks : {false, true}) {
         progress << place << ", " << choice.name << '\n';
-        both.set_active_blocks({choice.active, choice.active, choice.active});
+        both.working_set().set_active_blocks({choice.active, choice.active, choice.active});
         both.look_everywhere(looks);
         const double cpu = median_cpu_ms(both, rounds);
-        rows.push_back({place + ": " + choice.name + (looks ? ", a look" : ""),
-                        "",
-                        {},
-                        {{"active", 100 * both.active_block_share()}, {"cpu", cpu}, {"ratio", cpu / alone}}});
+        rows.push_back(
+            {place + ": " + choice.name + (looks ? ", a look" : ""),
+             "",
+             {},
+             {{"active", 100 * both.working_set().active_block_share()}, {"cpu", cpu}, {"ratio", cpu / alone}}});
       }
   }
   return rows;

@@ -91,7 +91,7 @@ template <int Dim, class T>
 std::vector<T> at_all_sites(const Scene<Dim, T>& scene, const MatchingObjective<Dim, T>& objective,
                             const std::vector<T>& x) {
   std::vector<T> all;
-  const auto pointers = objective.pointers(x);
+  const auto pointers = objective.working_set().pointers(x);
   for (std::size_t s = 0; s < pointers.size(); ++s) {
     const std::size_t count = scene.scales[s]->field_size();
     if (pointers[s].zeroth) all.insert(all.end(), pointers[s].zeroth, pointers[s].zeroth + count);
@@ -136,9 +136,9 @@ template <int Dim>
 void expect_a_minimum_over_all_groups(Model model, double sparsity, bool even = true) {
   Scene<Dim, double> scene(model);
   auto dense = scene.objective(sparsity), sparse = scene.objective(sparsity);
-  sparse.set_active_blocks({});
+  sparse.working_set().set_active_blocks({});
   if (!even)
-    for (auto* objective : {&dense, &sparse}) objective->restore_weights({}, mixed_factors(scene));
+    for (auto* objective : {&dense, &sparse}) objective->working_set().restore_weights({}, mixed_factors(scene));
   std::vector<double> all(dense.size(), 0.0), x(sparse.size(), 0.0);
   ASSERT_LT(x.size(), all.size());
   AllBlocks<Dim, double> keeping(dense);
@@ -151,8 +151,8 @@ void expect_a_minimum_over_all_groups(Model model, double sparsity, bool even = 
   });
   EXPECT_EQ(x.size(), sparse.size());
   EXPECT_LT(x.size(), all.size());
-  EXPECT_GT(sparse.active_block_share(), 0);
-  EXPECT_LT(sparse.active_block_share(), 0.8);
+  EXPECT_GT(sparse.working_set().active_block_share(), 0);
+  EXPECT_LT(sparse.working_set().active_block_share(), 0.8);
   EXPECT_NE(*std::min_element(sizes.begin(), sizes.end()), *std::max_element(sizes.begin(), sizes.end()))
       << "no block came or went";
   // The flow is not convex: it may end lower.
@@ -160,7 +160,7 @@ void expect_a_minimum_over_all_groups(Model model, double sparsity, bool even = 
   EXPECT_GE(found.energy_after, (1 - 1e-2) * wanted.energy_after);
 
   // The same momenta with all blocks active: the same energy, and no group that is 0 wants to be another.
-  const auto blocks = sparse.active_blocks();
+  const auto blocks = sparse.working_set().active_blocks();
   std::vector<double> spread(dense.size(), 0.0);
   {
     std::size_t from = 0, to = 0, range = 0;
@@ -224,8 +224,8 @@ TEST(ActiveBlockLists, AreAllBlocksWithoutSparsity) {
   Scene<2, float> scene(Model::Sliding);
   auto objective = scene.objective(0);
   const std::size_t size = objective.size();
-  EXPECT_EQ(objective.active_block_share(), 1);
-  objective.set_active_blocks({});
+  EXPECT_EQ(objective.working_set().active_block_share(), 1);
+  objective.working_set().set_active_blocks({});
   EXPECT_EQ(objective.size(), size);
   std::vector<float> x(size, 0.0f);
   minimise<float>(objective, iterations(3), x, go_on);
@@ -235,23 +235,23 @@ TEST(ActiveBlockLists, AreAllBlocksWithoutSparsity) {
 TEST(ActiveBlockLists, StayAsTheyAreWhileFirstOrdersWait) {
   Scene<2, float> scene(Model::Sliding);
   auto objective = scene.objective(3e-3);
-  objective.set_active_blocks({});
+  objective.working_set().set_active_blocks({});
   std::vector<float> x(objective.size(), 0.0f);
   for (const SparsityRound& round : {SparsityRound{SparsityRound::Weights::Even, 1, false}, SparsityRound{}}) {
     objective.weigh(round, x);
     EXPECT_EQ(objective.has_more(), round.lets_blocks_join);
     minimise<float>(objective, iterations(12), x, go_on);
-    EXPECT_EQ(objective.active_block_share() > 0, round.lets_blocks_join);
+    EXPECT_EQ(objective.working_set().active_block_share() > 0, round.lets_blocks_join);
   }
 }
 
 TEST(ActiveBlockLists, AreRefusedWhereTheyDoNotFit) {
   Scene<2, float> scene(Model::Sliding);
   auto objective = scene.objective(1);
-  EXPECT_THROW(objective.set_active_blocks({{}, {}, {}, {}, {}}), InvalidInput);
-  EXPECT_THROW(objective.set_active_blocks({{0, 4000}}), InvalidInput);
-  objective.set_active_blocks({{0}, {}, {}, {1}});
-  EXPECT_EQ(objective.active_blocks(), (std::vector<std::vector<std::uint32_t>>{{0}, {}, {}, {1}}));
+  EXPECT_THROW(objective.working_set().set_active_blocks({{}, {}, {}, {}, {}}), InvalidInput);
+  EXPECT_THROW(objective.working_set().set_active_blocks({{0, 4000}}), InvalidInput);
+  objective.working_set().set_active_blocks({{0}, {}, {}, {1}});
+  EXPECT_EQ(objective.working_set().active_blocks(), (std::vector<std::vector<std::uint32_t>>{{0}, {}, {}, {1}}));
 }
 
 TEST(ActiveBlockLists, DoNotDependOnTheNumberOfThreads) {
@@ -261,10 +261,10 @@ TEST(ActiveBlockLists, DoNotDependOnTheNumberOfThreads) {
     omp_set_num_threads(threads);
     Scene<3, float> scene(Model::Sliding);
     auto objective = scene.objective(3e-3);
-    objective.set_active_blocks({});
+    objective.working_set().set_active_blocks({});
     ends.emplace_back(objective.size(), 0.0f);
     minimise<float>(objective, iterations(12), ends.back(), go_on);
-    lists.push_back(objective.active_blocks());
+    lists.push_back(objective.working_set().active_blocks());
   }
   omp_set_num_threads(1);
   EXPECT_EQ(ends[0], ends[1]);

@@ -101,7 +101,7 @@ void expect_taylor_slope_two(const Case& test) {
     std::sort(elements[s].begin(), elements[s].end());
     elements[s].erase(std::unique(elements[s].begin(), elements[s].end()), elements[s].end());
   }
-  objective.set_active_elements(elements);
+  objective.working_set().set_active_elements(elements);
   const std::size_t size = objective.size();
   const std::vector<double> at = random_values(size, 5, 0.03);
   std::vector<double> gradient(size), preconditioned(size), ignored(size), ignored_too(size);

@@ -125,7 +125,7 @@ TEST(MatchingObjective, GivesNoGradientToWhatIsNoShear) {
     MatchingObjective<2, double> objective(
         {placed[0].scale.get()}, level,
         make_similarity<2, double>(SimilarityType::Ssd, level.lattice, options.similarity_parameters, 1.0), 0.0);
-    if (shear_only) objective.keep_shear_only();
+    if (shear_only) objective.working_set().keep_shear_only();
     ASSERT_EQ(objective.size(), x.size());
     gradients[shear_only].resize(x.size());
     preconditioned[shear_only].resize(x.size());

@@ -143,13 +143,13 @@ TEST(OrientedModel, LetsJoinWhatPullsHarderThanItsWeight) {
         scales, level, make_similarity<2, double>(SimilarityType::Ssd, lattice, {}, 1.0), 4e-4, {}, 0.5);
   };
   auto objective = make();
-  objective.set_active_blocks({});
+  objective.working_set().set_active_blocks({});
   MinimiseOptions how;
   how.max_iterations = 15;
   std::vector<double> x(objective.size(), 0.0);
   objective.weigh({SparsityRound::Weights::Even, 1, false}, x);
   minimise<double>(objective, how, x, [](const MinimiseStep&) { return true; });
-  for (const auto& list : objective.active_elements()) EXPECT_TRUE(list.empty());
+  for (const auto& list : objective.working_set().active_elements()) EXPECT_TRUE(list.empty());
   objective.weigh({}, x);
   objective.look_everywhere(true);
   MinimiserState<double> state(x);
@@ -157,14 +157,14 @@ TEST(OrientedModel, LetsJoinWhatPullsHarderThanItsWeight) {
   state.preconditioned.resize(x.size());
   ASSERT_TRUE(objective.evaluate(x, state.gradient, state.preconditioned).is_valid);
   objective.revise(state);
-  const auto joined = objective.active_elements();
+  const auto joined = objective.working_set().active_elements();
 
   auto all = make();
   std::vector<std::vector<std::uint32_t>> turned(scales.size());
   for (std::size_t s = 0; s < scales.size(); ++s)
     if (scales[s]->oriented()) turned[s] = scales[s]->oriented()->turned();
-  all.set_active_blocks({});
-  all.set_active_elements(turned);
+  all.working_set().set_active_blocks({});
+  all.working_set().set_active_elements(turned);
   std::vector<double> spread(all.size(), 0.0), gradient(all.size()), preconditioned(all.size());
   std::size_t from = 0, to = 0, fields = 0;
   for (std::size_t s = 0; s < scales.size(); ++s) {

@@ -1,0 +1,157 @@
+#pragma once
+
+#include "core/flow/geodesic_shooting.h"
+#include "core/momenta/block_set.h"
+#include "core/momenta/directional_momentum.h"
+#include "core/momenta/momentum_scale.h"
+#include "core/optimisation/lbfgs.h"
+#include "core/optimisation/objective.h"
+#include "core/registration/interface_normals.h"
+#include "core/registration/sparsity_rounds.h"
+
+#include <cstdint>
+#include <memory>
+#include <vector>
+
+namespace saltus {
+
+/// What the gradient says of first-order momenta that are still 0, by the groups that pull harder than their weight.
+struct FirstOrderPromise {
+  /// Sum of (|g| - weight)^2 / (2 stiffness), as a multiple of the similarity. The similarity's own curvature is not in
+  /// it, so only its order of magnitude means something.
+  double gain = 0;
+  /// Mean square of g along an interface over that across it (m_i: component i), by component. What slides pulls along;
+  /// noise, and motion that is smooth but finer than order 0, pull in all directions alike: 1. 0 where nothing pulls.
+  double shear = 0;
+};
+
+/// Which momenta there are and where they lie in x, the vector that is optimised. x holds, scale by scale, the order-0
+/// field and then the Dim order-1 fields (one field m_w where the scale has directions), as far as a scale has them; of
+/// each order-1 field only what lies in its active blocks, in the compact order of block_set.h. All other momenta are
+/// 0.
+///
+/// With sparsity, `revise` keeps the blocks to what can be other than 0: a block joins as soon as one of its groups is
+/// seen with a gradient above its weight (the optimality condition of a group at 0), so that a minimum over the active
+/// blocks is one over all; blocks that are 0 and want to stay so leave when they are a quarter of the active ones.
+/// Without sparsity all blocks are active.
+///
+/// After a scale's order-1 fields lie its oriented momenta (oriented_momenta.h), those of the active elements only.
+/// Elements join and leave like blocks, one by one. Those that may join are the ones that `turn` has turned.
+template <int Dim, class T>
+class WorkingSet {
+ public:
+  /// `scales` must outlive this. `sparsity` is lambda, per mm of a_1 m_i; oriented momenta have `oriented_sparsity`
+  /// times as much. All blocks are active, and no element.
+  WorkingSet(std::vector<MomentumScale<Dim, T>*> scales, double sparsity, double oriented_sparsity);
+
+  /// Length of x.
+  std::size_t size() const { return size_; }
+  /// Where the groups of the first orders lie in x, and their weights.
+  const std::vector<GroupSparsity>& sparsity() const { return sparsity_; }
+
+  /// As Objective says of them.
+  bool has_more() const;
+  void look_everywhere(bool everywhere) { looks_everywhere_ = everywhere && lets_blocks_join_; }
+  bool revise(MinimiserState<T>& state);
+
+  /// Numbers of the active blocks of each order-1 field, in x's order.
+  std::vector<std::vector<std::uint32_t>> active_blocks() const;
+  /// Makes these blocks the active ones, which changes what x is. Fields beyond the list begin with none (all, without
+  /// sparsity). Throws InvalidInput when they do not fit.
+  void set_active_blocks(const std::vector<std::vector<std::uint32_t>>& active);
+  /// The same for oriented momenta: numbers of the active elements by scale, rising. Scales beyond the list have none.
+  /// Throws InvalidInput when they do not fit.
+  std::vector<std::vector<std::uint32_t>> active_elements() const;
+  void set_active_elements(const std::vector<std::vector<std::uint32_t>>& active);
+  /// Active share of all blocks of all order-1 fields; 0 where there are none.
+  double active_block_share() const;
+
+  /// Sets the sparsity weights for a round that starts from x, and whether blocks may join in it.
+  void weigh(const SparsityRound& round, const std::vector<T>& x);
+  /// The factors made by `weigh`, for all sites of each order-1 field, then for all elements of the oriented momenta of
+  /// each scale that has them (empty: 1 each).
+  const std::vector<std::vector<float>>& weights() const { return factors_; }
+  /// Puts back what `weights` gave in this round. Throws InvalidInput when they do not fit.
+  void restore_weights(const SparsityRound& round, const std::vector<std::vector<float>>& factors);
+
+  bool has_oriented() const;
+  /// Turns the elements to the interface where there is one; what x says of elements is from then on said of other
+  /// normals.
+  void turn(const InterfaceNormals<Dim, T>& interface);
+  /// The normals of `turn`, by scale, and putting them back. Throws InvalidInput when they do not fit.
+  std::vector<std::vector<float>> turned_normals() const;
+  void restore_turned_normals(const std::vector<std::vector<float>>& normals);
+
+  /// Leave out component i of m_i: such a momentum can only shear (no gradient, so it stays 0).
+  void keep_shear_only() { shear_only_ = true; }
+
+  /// Momenta of each scale at all sites, with first orders along a direction spread to all axes. Valid until x or this
+  /// changes, or the next call.
+  std::vector<MomentumPointers<T>> pointers(const std::vector<T>& x) const;
+
+  /// The same for an evaluation with gradient: in a look, with the elements that may join beside the active ones.
+  std::vector<MomentumPointers<T>> evaluated(const std::vector<T>& x);
+  /// Where momenta are, and where gradients are wanted.
+  ActiveBlocks<Dim> blocks() const;
+  /// Where an evaluation's gradients go, by scale; those of first orders are not in x's layout before
+  /// `finish_gradient`.
+  std::vector<MomentumTargets<T>> targets(std::vector<T>& gradient, bool with_first);
+  void finish_gradient(std::vector<T>& gradient, std::vector<T>& preconditioned);
+  /// What first orders promise where they are 0, from the gradient of an evaluation that looked everywhere and the
+  /// similarity there. Not for scales with directions.
+  FirstOrderPromise promise(std::vector<T>& gradient, double similarity);
+
+ private:
+  /// The first orders of one scale: where they lie and how they get from x to all sites of the lattice and back.
+  struct FirstOrder {
+    int fields = 0;         ///< Dim, or 1 along a direction; 0: the scale has none
+    std::size_t range = 0;  ///< of its first field in sparsity_
+    std::unique_ptr<DirectionalMomentum<Dim, T>> along;
+    std::vector<T> momentum, gradient;       ///< of `fields` fields at all sites; unused while all blocks are active
+    std::vector<T> spread, spread_gradient;  ///< m_i made of m_w, and where their gradients go
+  };
+  /// The oriented momenta of one scale.
+  struct Oriented {
+    OrientedMomenta<Dim, T>* momenta = nullptr;  ///< null: the scale has none
+    std::size_t range = 0;                       ///< in sparsity_
+    std::vector<std::uint32_t> active;
+    /// Of a look: active elements and candidates, their values and gradients. Empty without one.
+    std::vector<std::uint32_t> listed;
+    std::vector<T> values, gradient;
+  };
+  /// Where everything lay before a revision.
+  struct Layout {
+    std::vector<std::size_t> zeroth_at, begins;
+    std::vector<BlockSet<Dim>> blocks;
+    std::vector<std::vector<std::uint32_t>> elements;
+    std::vector<char> was_complete;  ///< by scale: all blocks were active
+  };
+  void lay_out();
+  void gather_factors();
+  void weigh_with_oriented(const SparsityRound& round, std::size_t scale, const std::vector<T>& x);
+  void list_candidates(std::size_t scale, const std::vector<T>& x);
+  bool wanted_blocks(MinimiserState<T>& state, std::vector<std::vector<char>>& wanted);
+  std::vector<std::uint32_t> wanted_elements(const Oriented& oriented, const MinimiserState<T>& state, bool& changes);
+  Layout layout() const;
+  void reshape(const Layout& before, std::vector<T>& values) const;
+  void fetch_gradients(const Layout& before, MinimiserState<T>& state) const;
+  void precondition(const GroupSparsity& range, const std::vector<T>& gradient, std::vector<T>& preconditioned) const;
+  bool has_all_blocks(const FirstOrder& first) const;
+  std::vector<AxisBlocks<Dim>> axis_blocks() const;
+  const T* all_sites(std::size_t scale, const std::vector<T>& x) const;
+  T* gradient_at_all_sites(std::size_t scale, std::vector<T>& gradient);
+  void drop_normal_components(const FirstOrder& first, std::size_t field_size, T* values) const;
+
+  std::vector<MomentumScale<Dim, T>*> scales_;
+  std::vector<std::size_t> zeroth_at_;       ///< by scale: where its order-0 field begins in x
+  mutable std::vector<FirstOrder> first_;    ///< by scale; mutable: holds scratch
+  std::vector<BlockSet<Dim>> blocks_;        ///< by order-1 field, as the first ranges of sparsity_
+  std::vector<Oriented> oriented_;           ///< by scale; their ranges follow
+  std::vector<std::vector<float>> factors_;  ///< of the weights of all there is, as sparsity_; its own are compact
+  std::vector<GroupSparsity> sparsity_;
+  std::size_t size_ = 0;
+  bool shear_only_ = false;
+  bool lets_blocks_join_ = true, looks_everywhere_ = true;
+};
+
+}  // namespace saltus
