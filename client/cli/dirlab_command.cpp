@@ -5,6 +5,7 @@
 #include "client/cli/dirlab_pack.h"
 #include "client/cli/dirlab_scores.h"
 #include "client/cli/register_pairs.h"
+#include "client/cli/statistics_json.h"
 #include "client/cli/transform_folder.h"
 #include "core/evaluation/field_error.h"
 #include "core/image_io/points_io.h"
@@ -122,10 +123,6 @@ Pair prepare(const OpenCase& one, const fs::path& folder, const JobOptions& comm
   pair.job.fixed_points = file("_inhale.csv");
   pair.job.moving_points = file("_exhale.csv");
   return pair;
-}
-
-nlohmann::json as_json(const Statistics& s) {
-  return {{"n", s.n}, {"mean", s.mean}, {"sd", s.sd}, {"median", s.median}, {"p90", s.p90}, {"max", s.max}};
 }
 
 /// Scores of every model, case by case, and of all landmarks together.

@@ -11,6 +11,7 @@
 #include "client/cli/command.h"
 #include "client/cli/input_check.h"
 #include "client/cli/points_format.h"
+#include "client/cli/statistics_json.h"
 #include "client/cli/transform_folder.h"
 #include "core/evaluation/field_error.h"
 #include "core/evaluation/grid_agreement.h"
@@ -35,10 +36,6 @@ struct EvaluateOptions {
   bool is_allowed = false;  ///< points outside of the image
   bool as_json = false;
 };
-
-nlohmann::json as_json(const Statistics& s) {
-  return {{"n", s.n}, {"mean", s.mean}, {"sd", s.sd}, {"median", s.median}, {"p90", s.p90}, {"max", s.max}};
-}
 
 /// What lies in all masks.
 template <int Dim>

@@ -8,7 +8,8 @@
 
 int main(int argument_count, char** arguments) try {
   using namespace saltus;
-  if (argument_count != 5) throw std::invalid_argument("usage: register_by_service ADDRESS FIXED.mha MOVING.mha FOLDER");
+  if (argument_count != 5)
+    throw std::invalid_argument("usage: register_by_service ADDRESS FIXED.mha MOVING.mha FOLDER");
   client::RegistrationClient client({.address = arguments[1], .tls = {}, .retry = {}, .stop = {}});
   v1::RegistrationSpec spec;  // what is left open takes the server's defaults
   *spec.mutable_fixed() = client.upload_file(arguments[2], "mha");

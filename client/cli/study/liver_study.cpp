@@ -1,16 +1,14 @@
 #include "client/cli/study/liver_study.h"
 
 #include "client/cli/command.h"
+#include "client/cli/statistics_json.h"
 #include "client/cli/study/liver_pairs.h"
-#include "client/cli/study/study_page.h"
 #include "core/drawing/markup.h"
 #include "core/evaluation/jacobian.h"
 #include "core/image_io/read_image.h"
 #include "core/support/errors.h"
 
 #include <nlohmann/json.hpp>
-
-#include <iostream>
 
 namespace saltus::cli {
 namespace {
@@ -144,13 +142,7 @@ int liver_study(const StudyRequest& request, bool as_json) {
     numbers["rows"].push_back(std::move(one));
   }
   study.tables = {mean_table(rows), pair_table(rows)};
-  write_study(study, numbers, request.out);
-  if (as_json)
-    std::cout << numbers.dump(2) << std::endl;
-  else
-    std::cout << to_markdown(study.tables) << study.figures.size() << " figures, study.html and study.json are in "
-              << request.out.string() << std::endl;
-  return Done;
+  return finish_study(request, study, numbers, as_json);
 }
 
 }  // namespace saltus::cli

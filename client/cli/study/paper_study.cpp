@@ -1,10 +1,10 @@
 #include "client/cli/study/paper_study.h"
 
 #include "client/cli/command.h"
+#include "client/cli/statistics_json.h"
 #include "client/cli/study/elementary_deformations.h"
 #include "client/cli/study/kernel_figures.h"
 #include "client/cli/study/liver_pairs.h"
-#include "client/cli/study/study_page.h"
 #include "core/drawing/markup.h"
 #include "core/evaluation/field_error.h"
 #include "core/evaluation/jacobian.h"
@@ -239,13 +239,7 @@ int paper_study(const StudyRequest& request, bool as_json) {
   } else {
     add_liver(request, livers.front(), study, numbers);
   }
-  write_study(study, numbers, request.out);
-  if (as_json)
-    std::cout << numbers.dump(2) << std::endl;
-  else
-    std::cout << to_markdown(study.tables) << study.figures.size() << " figures, study.html and study.json are in "
-              << request.out.string() << std::endl;
-  return Done;
+  return finish_study(request, study, numbers, as_json);
 }
 
 }  // namespace saltus::cli

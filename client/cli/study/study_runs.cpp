@@ -1,11 +1,14 @@
 #include "client/cli/study/study_runs.h"
 
+#include "client/cli/command.h"
 #include "client/cli/report_summary.h"
 #include "client/cli/transform_folder.h"
 #include "core/image_io/read_image.h"
 #include "core/image_io/read_transform.h"
 
 #include <nlohmann/json.hpp>
+
+#include <iostream>
 
 namespace saltus::cli {
 
@@ -33,8 +36,14 @@ double cpu_seconds(const fs::path& folder) {
   return read_report(folder / "report.json").at("seconds").at("cpu").get<double>();
 }
 
-nlohmann::json as_json(const Statistics& s) {
-  return {{"n", s.n}, {"mean", s.mean}, {"sd", s.sd}, {"median", s.median}, {"p90", s.p90}, {"max", s.max}};
+int finish_study(const StudyRequest& request, const Study& study, const nlohmann::json& numbers, bool as_json) {
+  write_study(study, numbers, request.out);
+  if (as_json)
+    std::cout << numbers.dump(2) << std::endl;
+  else
+    std::cout << to_markdown(study.tables) << study.figures.size() << " figures, study.html and study.json are in "
+              << request.out.string() << std::endl;
+  return Done;
 }
 
 template ModelResult<2> read_run(const fs::path&, const std::string&);

@@ -2,7 +2,7 @@
 
 #include "client/cli/register_pairs.h"
 #include "client/cli/study/pair_figures.h"
-#include "core/evaluation/statistics.h"
+#include "client/cli/study/study_page.h"
 
 #include <nlohmann/json_fwd.hpp>
 
@@ -36,6 +36,7 @@ ModelResult<Dim> read_run(const std::filesystem::path& folder, const std::string
 /// CPU seconds of the registration, from the run's report.
 double cpu_seconds(const std::filesystem::path& folder);
 
-nlohmann::json as_json(const Statistics& statistics);
+/// Writes the study below `request.out` and prints its tables, or `numbers`. The exit code.
+int finish_study(const StudyRequest& request, const Study& study, const nlohmann::json& numbers, bool as_json);
 
 }  // namespace saltus::cli

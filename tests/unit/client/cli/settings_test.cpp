@@ -141,7 +141,8 @@ TEST_F(Settings, AreCompletedByBash) {
 
 TEST_F(Settings, AreWrittenForOtherShellsInTheirGrammar) {
   const std::string zsh = run({"completion", "zsh"}).out, fish = run({"completion", "fish"}).out;
-  EXPECT_THAT(zsh, AllOf(HasSubstr("#compdef saltus"), HasSubstr("(gaussian wendland wendland1 directional sliding auto)")));
+  EXPECT_THAT(zsh,
+              AllOf(HasSubstr("#compdef saltus"), HasSubstr("(gaussian wendland wendland1 directional sliding auto)")));
   EXPECT_THAT(fish, HasSubstr("-l preset -x -a 'fast balanced accurate'"));
   EXPECT_EQ(run({"completion", "csh"}).exit_code, Usage);
 }

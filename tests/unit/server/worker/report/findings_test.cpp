@@ -92,6 +92,27 @@ TEST(Choices, ListWhatWasSetAndWhatWasFilledIn) {
   EXPECT_THAT(all, Not(Contains(Field(&Choice::name, "time_steps"))));
 }
 
+TEST(Choices, TellWhetherFirstOrderMomentaWereLetInAndWhy) {
+  ReportScene<2> scene(3);
+  const auto line = [&scene] { return choices(scene.report); };
+  const auto named = Field(&Choice::name, "level 1: first-order momenta");
+  EXPECT_THAT(line(), Not(Contains(named)));  // nobody asked
+  LevelSummary& level = scene.result.summary.levels[0];
+  level.first_order_gain = 0.375;
+  level.first_order_shear = 1.75;
+  scene.result.options.momenta.first_order_gain = 0.125;
+  scene.result.options.momenta.first_order_shear = 1.25;
+  const auto because = [](const char* end) {
+    return Field(&Choice::why,
+                 AllOf(HasSubstr("gain 0.375 times the similarity left (asked: 0.125)"),
+                       HasSubstr("1.75 times as much along interfaces as across them (asked: 1.25)"), HasSubstr(end)));
+  };
+  level.decision = FirstOrderDecision::LetIn;
+  EXPECT_THAT(line(), Contains(AllOf(named, Field(&Choice::value, "let in"), because("something slides"))));
+  level.decision = FirstOrderDecision::LeftOut;
+  EXPECT_THAT(line(), Contains(AllOf(named, Field(&Choice::value, "left out"), because("nothing slides"))));
+}
+
 TEST(Choices, MakeACommandThatAsksForTheSameAgain) {
   ReportScene<2> scene(3);
   set_parameter(scene.options, "regularisation", "0.5");

@@ -1,0 +1,131 @@
+// Oracle: every block that operator new gives while register_images runs, counted; all fields of the core come from it.
+#include "core/phantom/make_phantom.h"
+#include "core/registration/register_images.h"
+
+#include <gtest/gtest.h>
+
+#include <malloc.h>
+
+#include <algorithm>
+#include <atomic>
+#include <cstdlib>
+#include <new>
+
+namespace {
+
+std::atomic<std::ptrdiff_t> bytes_in_use{0}, most_bytes{0};
+
+void* counted(void* block) {
+  if (block == nullptr) throw std::bad_alloc();
+  const std::ptrdiff_t now = bytes_in_use += static_cast<std::ptrdiff_t>(malloc_usable_size(block));
+  std::ptrdiff_t most = most_bytes;
+  while (now > most && !most_bytes.compare_exchange_weak(most, now)) {
+  }
+  return block;
+}
+
+void give_back(void* block) {
+  bytes_in_use -= static_cast<std::ptrdiff_t>(malloc_usable_size(block));
+  std::free(block);
+}
+
+}  // namespace
+
+// The forms that all others call.
+void* operator new(std::size_t size) { return counted(std::malloc(std::max<std::size_t>(size, 1))); }
+void* operator new(std::size_t size, std::align_val_t alignment) {
+  const auto step = static_cast<std::size_t>(alignment);
+  return counted(std::aligned_alloc(step, (size + step - 1) / step * step));
+}
+void operator delete(void* block) noexcept { give_back(block); }
+void operator delete(void* block, std::size_t) noexcept { give_back(block); }
+void operator delete(void* block, std::align_val_t) noexcept { give_back(block); }
+void operator delete(void* block, std::size_t, std::align_val_t) noexcept { give_back(block); }
+
+namespace saltus {
+namespace {
+
+constexpr double mib = 1024.0 * 1024.0;
+// What the estimate adds for the program itself, which is not what is counted here.
+constexpr double program_mib = 64;
+
+struct Case {
+  RegistrationInput<3> input;
+  RegistrationOptions options;
+
+  explicit Case(Model model, SimilarityType similarity = SimilarityType::Lncc, Preset preset = Preset::Balanced)
+      : options(default_options(model, similarity, preset)) {
+    PhantomOptions scene = default_phantom_options(PhantomKind::Thorax);
+    scene.size = {36, 36, 32};
+    scene.spacing = {6, 6, 6};
+    Phantom<3> phantom = make_phantom<3>(scene);
+    input.fixed = std::move(phantom.fixed);
+    input.moving = std::move(phantom.moving);
+    options.optimisation.max_iterations = 3;
+    options.threads = 1;
+  }
+
+  double declared_mib() const {
+    return static_cast<double>(memory_estimate<3>(input.fixed.grid, input.moving.grid, options)) / mib - program_mib;
+  }
+
+  /// Largest sum of what was held at the same time. The images count.
+  double used_mib() const {
+    const double images = static_cast<double>(input.fixed.samples.size() + input.moving.samples.size()) * sizeof(float);
+    const std::ptrdiff_t before = bytes_in_use;
+    most_bytes = before;
+    register_images<3>(input, options);
+    return (static_cast<double>(most_bytes - before) + images) / mib;
+  }
+};
+
+TEST(MemoryEstimate, IsABoundForEachModel) {
+  for (Model model : {Model::Gaussian, Model::Wendland, Model::Wendland1, Model::Sliding, Model::Auto}) {
+    const Case one(model);
+    EXPECT_LE(one.used_mib(), one.declared_mib()) << to_string(model);
+  }
+  Case directional(Model::Directional);
+  directional.input.direction = VectorVolume<3>(directional.input.fixed.grid);
+  std::fill_n(directional.input.direction->component(0), directional.input.fixed.grid.voxels(), 1.0f);
+  EXPECT_LE(directional.used_mib(), directional.declared_mib());
+}
+
+TEST(MemoryEstimate, IsABoundForEachSimilarity) {
+  for (SimilarityType similarity :
+       {SimilarityType::Ssd, SimilarityType::Ncc, SimilarityType::Mi, SimilarityType::Ngf, SimilarityType::Mind}) {
+    const Case one(Model::Sliding, similarity);
+    EXPECT_LE(one.used_mib(), one.declared_mib()) << to_string(similarity);
+  }
+}
+
+TEST(MemoryEstimate, IsABoundForEachPreset) {
+  for (Preset preset : {Preset::Fast, Preset::Accurate}) {
+    const Case one(Model::Sliding, SimilarityType::Lncc, preset);
+    EXPECT_LE(one.used_mib(), one.declared_mib()) << to_string(preset);
+  }
+}
+
+// It is declared for all blocks and all pairs of the optimiser; what a checkpoint would take is not in use here.
+TEST(MemoryEstimate, IsNoneTooLargeWhereEverythingIsInUse) {
+  for (Model model : {Model::Gaussian, Model::Wendland, Model::Wendland1, Model::Sliding}) {
+    Case one(model);
+    one.options.momenta.sparsity = 0;
+    one.options.optimisation.max_iterations = one.options.optimisation.history + 2;
+    one.options.optimisation.tolerance = one.options.optimisation.optimality_tolerance = 0;
+    const double used = one.used_mib(), declared = one.declared_mib();
+    EXPECT_LE(used, declared) << to_string(model);
+    EXPECT_GT(used, 0.6 * declared) << to_string(model);
+  }
+}
+
+TEST(MemoryEstimate, GrowsWithTheStepsAsTheUseDoes) {
+  Case few(Model::Wendland), many = few;
+  many.options.flow.time_steps = few.options.flow.time_steps + 12;
+  const double more_used = many.used_mib() - few.used_mib(), more_declared = many.declared_mib() - few.declared_mib();
+  EXPECT_GT(more_used, 0.2 * few.used_mib());
+  EXPECT_LE(more_used, 1.2 * more_declared);
+  EXPECT_GT(more_used, 0.6 * more_declared);
+}
+
+}  // namespace
+}  // namespace saltus
