@@ -106,7 +106,7 @@ class Cluster:
     """Use with `with`. Without `hosts` everything is on this one; with them the first is where the controller and the
     commands run, and the others are nodes."""
 
-    def __init__(self, folder, cpus=2, patience=60, hosts=None):
+    def __init__(self, folder, cpus=2, patience=120, hosts=None):
         self.folder = str(folder)
         self.cpus = cpus
         self.patience = patience

@@ -136,31 +136,39 @@ def pair(service, role):
     return service.path("pair", found[0])
 
 
-def worker_of(job):
-    """The process that does the work: not its guard."""
+def workers_of(job):
+    """The processes that do the work of this job: not their guards."""
+    found = []
     for name in os.listdir("/proc"):
         if name.isdigit():
             try:
-                with open(f"/proc/{name}/cmdline", "rb") as found:
-                    words = found.read().split(b"\0")
+                with open(f"/proc/{name}/cmdline", "rb") as line:
+                    words = line.read().split(b"\0")
             except OSError:
-                continue
+                continue  # it has ended
             if job.encode() in words and b"--guard" not in words and b"saltus-worker" in words[0]:
-                return int(name)
-    raise RuntimeError("no worker of " + job)
-
-
-def count_of_workers(job):
-    found = 0
-    for name in os.listdir("/proc"):
-        if name.isdigit():
-            try:
-                with open(f"/proc/{name}/cmdline", "rb") as words:
-                    words = words.read().split(b"\0")
-            except OSError:
-                continue
-            found += job.encode() in words and b"--guard" not in words and b"saltus-worker" in words[0]
+                found.append(int(name))
     return found
+
+
+def worker_of(job):
+    found = workers_of(job)
+    equal(len(found), 1, "workers of " + job)
+    return found[0]
+
+
+def worker_is_killed(service):
+    """The process that does the work is killed: that is known at once, and the next attempt goes on from the checkpoint
+    to the same bits."""
+    undisturbed = service.wait_for_state(service.submit(*STEPS), "SUCCEEDED")
+    job = service.submit(*STEPS)
+    service.wait(job, lambda j: "checkpoint" in j, "a checkpoint")
+    os.kill(worker_of(job), signal.SIGKILL)
+    lost = service.wait(job, lambda j: "last_loss" in j, "the loss to be known")
+    equal(lost["last_loss"]["reason"], "WORKER_CRASHED")
+    done = service.wait_for_state(job, "SUCCEEDED")
+    equal(done["attempt"], 2)
+    equal(results(done), results(undisturbed), "the bits of a run that was killed")
 
 
 def tls_options(folder, address):

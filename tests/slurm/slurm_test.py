@@ -13,8 +13,8 @@ import time
 
 sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
 import cluster  # noqa: E402
-from service import (LONG, PATIENCE, SHORT, STEPS, Service, count_of_workers, equal, pair, results,  # noqa: E402
-                     tls_options, worker_of, worker_tls)
+from service import (LONG, SHORT, STEPS, Service, equal, pair, tls_options, worker_is_killed, worker_of,  # noqa: E402
+                     worker_tls, workers_of)
 
 parser = argparse.ArgumentParser()
 parser.add_argument("--programs", required=True)
@@ -128,15 +128,7 @@ def node_drain(service, slurm):
 
 def killed_job(service, slurm):
     """A worker that is killed is known as soon as Slurm knows, and the next attempt goes on from the checkpoint."""
-    undisturbed = service.wait_for_state(service.submit(*STEPS), "SUCCEEDED")
-    job = service.submit(*STEPS)
-    service.wait(job, lambda j: "checkpoint" in j, "a checkpoint")
-    os.kill(worker_of(job), signal.SIGKILL)
-    lost = service.wait(job, lambda j: "last_loss" in j, "the loss to be known")
-    equal(lost["last_loss"]["reason"], "WORKER_CRASHED")
-    done = service.wait_for_state(job, "SUCCEEDED")
-    equal(done["attempt"], 2)
-    equal(results(done), results(undisturbed), "the bits of a run that was killed")
+    worker_is_killed(service)
     slurm.wait_until(lambda: not names_of_live(slurm), "Slurm's queue to be empty")
 
 
@@ -238,7 +230,7 @@ def several_hosts(service, slurm):
     found = service.wait_for_work(second, attempt=2)
     equal(slurm.run("squeue", "-h", "-j", found["batch_id"], "-o", "%N").strip(), hosts[first], "host of the next attempt")
     # The first worker finds out by itself that nobody wants its work.
-    slurm.wait_until(lambda: count_of_workers(second) == 1, "the worker that was cut off to end")
+    slurm.wait_until(lambda: len(workers_of(second)) == 1, "the worker that was cut off to end")
     slurm.hosts.set_link(hosts[second], "up")
     equal(service.get(second)["attempt"], 2)
     service.run("cancel", second, "--server", service.address)

@@ -9,8 +9,8 @@ import tempfile
 import time
 
 sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
-from service import (LONG, PATIENCE, SHORT, STEPS, Service, count_of_workers, equal, results, tls_options,  # noqa: E402
-                     worker_of, worker_tls)
+from service import (LONG, PATIENCE, SHORT, Service, equal, tls_options, worker_is_killed, worker_tls,  # noqa: E402
+                     workers_of)
 
 parser = argparse.ArgumentParser()
 parser.add_argument("--programs", required=True)
@@ -79,15 +79,7 @@ def many_jobs(service, workers):
 def killed_work(service, workers):
     """The process of an attempt is killed: the daemon hears of it at once, and the worker takes the next."""
     worker = workers.start()
-    undisturbed = service.wait_for_state(service.submit(*STEPS), "SUCCEEDED")
-    job = service.submit(*STEPS)
-    service.wait(job, lambda j: "checkpoint" in j, "a checkpoint")
-    os.kill(worker_of(job), signal.SIGKILL)
-    lost = service.wait(job, lambda j: "last_loss" in j, "the loss to be known")
-    equal(lost["last_loss"]["reason"], "WORKER_CRASHED")
-    done = service.wait_for_state(job, "SUCCEEDED")
-    equal(done["attempt"], 2)
-    equal(results(done), results(undisturbed), "the bits of a run that was killed")
+    worker_is_killed(service)
     equal(worker.poll(), None, workers.told())
 
 
@@ -98,7 +90,7 @@ def orderly_end(service, workers):
     service.wait(job, lambda j: "checkpoint" in j, "a checkpoint")
     worker.send_signal(signal.SIGTERM)
     equal(worker.wait(PATIENCE), 0, workers.told())
-    equal(count_of_workers(job), 0, "workers of the job")
+    equal(workers_of(job), [], "workers of the job")
     workers.start()
     found = service.wait(job, lambda j: j["attempt"] == 2 and j.get("progress", {}).get("is_resumed"), "to go on")
     equal(found["last_loss"]["reason"], "WORKER_EXITED")
@@ -123,7 +115,7 @@ def daemon_restart(service, workers):
     equal(service.wait_for_state(service.submit(*SHORT), "SUCCEEDED")["attempt"], 1)
     service.run("cancel", running, "--server", service.address)
     service.wait_for_state(running, "CANCELLED")
-    equal(count_of_workers(running), 0, "workers of the job")
+    equal(workers_of(running), [], "workers of the job")
 
 
 def strangers(service, workers):

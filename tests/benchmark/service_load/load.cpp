@@ -3,14 +3,11 @@
 #include "saltus/v1/admin.grpc.pb.h"
 #include "saltus/v1/registration.grpc.pb.h"
 #include "tests/benchmark/service_load/client_calls.h"
+#include "tests/benchmark/service_load/measured_daemon.h"
 #include "tests/benchmark/service_load/pinger.h"
 #include "tests/support/child_process.h"
-#include "tests/support/temporary_folder.h"
 
-#include <grpcpp/create_channel.h>
-#include <openssl/evp.h>
-
-#include <signal.h>
+#include <unistd.h>
 
 #include <algorithm>
 #include <atomic>
@@ -20,7 +17,6 @@
 #include <functional>
 #include <memory>
 #include <mutex>
-#include <optional>
 #include <stdexcept>
 #include <string>
 #include <thread>
@@ -28,7 +24,6 @@
 namespace saltus::benchmark {
 namespace {
 
-namespace fs = std::filesystem;
 using Clock = std::chrono::steady_clock;
 using testing_support::ChildProcess;
 
@@ -45,28 +40,18 @@ class Load {
   explicit Load(const LoadOptions& options) : options_(options) {}
 
   std::vector<Figure> run() {
-    start();
-    prepare();
+    daemon_.start();
+    daemon_.prepare("fixed", "moving");
     fill_queue();
     measure_idle();
     measure_busy();
     add_rows();
     restart();
-    daemon_->signal(SIGTERM);
-    if (daemon_->wait() != 0) throw std::runtime_error("the daemon did not stop in order");
+    daemon_.stop();
     return figures_;
   }
 
  private:
-  void start() {
-    daemon_.emplace(std::vector<std::string>{options_.daemon, "--data", folder_ / "data", "--worker", options_.self,
-                                             "--slots", "1", "--log-level", "warning", "--keep-inputs-days", "0"});
-    const std::string said = "listening on ", line = daemon_->wait_for_output(said);
-    address_ = line.substr(line.find(said) + said.size());
-    channel_ = connect(address_);
-    jobs_ = v1::RegistrationService::NewStub(channel_);
-  }
-
   void tell(const std::string& what) const { std::fprintf(stderr, "%s\n", what.c_str()); }
 
   void add(std::string name, double value, std::string unit, int digits = 1, double target = Figure::kNoTarget) {
@@ -74,46 +59,21 @@ class Load {
         {std::move(name), value, std::move(unit), options_.is_judged ? target : Figure::kNoTarget, digits});
   }
 
-  double memory() const { return resident_mebibytes(daemon_->id()); }
-
-  void prepare() {
-    const auto blobs = v1::BlobService::NewStub(channel_);
-    for (auto* file : {request_.mutable_spec()->mutable_fixed(), request_.mutable_spec()->mutable_moving()}) {
-      const std::string data = file == request_.mutable_spec()->mutable_fixed() ? "fixed" : "moving";
-      require(upload(*blobs, data), "upload");
-      file->set_digest(digest_of(data));
-      file->set_format("mha");
-    }
-  }
-
-  std::string create() {
-    grpc::ClientContext context;
-    v1::RegistrationJob job;
-    require(jobs_->CreateRegistrationJob(&context, request_, &job), "create");
-    return job.id();
-  }
-
-  void cancel(const std::string& id) {
-    grpc::ClientContext context;
-    v1::CancelRegistrationJobRequest request;
-    request.set_id(id);
-    v1::RegistrationJob job;
-    require(jobs_->CancelRegistrationJob(&context, request, &job), "cancel");
-  }
+  double memory() const { return resident_mebibytes(daemon_.id()); }
 
   void fill_queue() {
     tell("queueing " + std::to_string(options_.queued) + " jobs");
     // The first one is what the worker holds.
-    queued_.push_back(create());
+    queued_.push_back(daemon_.create());
     const auto begin = Clock::now();
     queued_.resize(static_cast<std::size_t>(options_.queued) + 1);
-    in_parallel(options_.queued, [&](int i) { queued_[static_cast<std::size_t>(i) + 1] = create(); });
+    in_parallel(options_.queued, [&](int i) { queued_[static_cast<std::size_t>(i) + 1] = daemon_.create(); });
     add("jobs accepted, " + std::to_string(kSubmitters) + " at a time", options_.queued / seconds_since(begin), "/s",
         0);
   }
 
   ChildProcess start_pinger(int seconds) const {
-    return ChildProcess({options_.self, "--ping", address_, "--seconds", std::to_string(seconds)});
+    return ChildProcess({options_.self, "--ping", daemon_.address(), "--seconds", std::to_string(seconds)});
   }
   static Pings result_of(ChildProcess& pinger) {
     if (pinger.wait() != 0) throw std::runtime_error("the pinger failed: " + pinger.err());
@@ -142,7 +102,7 @@ class Load {
     // Whatever is thrown, the threads end before what they use.
     const std::unique_ptr<void, std::function<void(void*)>> at_the_end(this, [&](void*) { end(); });
     for (int i = 0; i < options_.watchers; ++i) {
-      if (i % kWatchersOfConnection == 0) channels.push_back(connect(address_));
+      if (i % kWatchersOfConnection == 0) channels.push_back(connect(daemon_.address()));
       contexts.push_back(std::make_shared<grpc::ClientContext>());
       // Every other one watches the job that runs.
       const std::size_t watched = i % 2 == 0 ? 0 : static_cast<std::size_t>(i) % queued_.size();
@@ -158,7 +118,7 @@ class Load {
     }
     for (int i = 0; i < options_.uploads; ++i)
       clients.emplace_back([&, i](const std::stop_token& stop) {
-        const auto stub = v1::BlobService::NewStub(connect(address_));
+        const auto stub = v1::BlobService::NewStub(connect(daemon_.address()));
         std::string data(static_cast<std::size_t>(options_.upload_mebibytes) << 20, 'x');
         for (long n = 0; !stop.stop_requested(); ++n) {
           const std::string mark = std::to_string(i) + " " + std::to_string(n) + " ";
@@ -167,7 +127,7 @@ class Load {
         }
       });
     clients.emplace_back([&](const std::stop_token& stop) {
-      const auto admin = v1::AdminService::NewStub(connect(address_));
+      const auto admin = v1::AdminService::NewStub(connect(daemon_.address()));
       std::mutex mutex;
       std::condition_variable_any stopped;
       std::unique_lock lock(mutex);
@@ -178,7 +138,7 @@ class Load {
         stopped.wait_for(lock, stop, kBetweenCollections, [] { return false; });
       }
     });
-    const double used_before = processor_seconds(daemon_->id()), busy_before = busy_seconds_of_machine();
+    const double used_before = processor_seconds(daemon_.id()), busy_before = busy_seconds_of_machine();
     const double own_before = processor_seconds(::getpid());
     Series memory_at, files_at;
     const auto begin = Clock::now();
@@ -187,10 +147,10 @@ class Load {
     const testing_support::ProcessHandle pinging(pinger.id());
     while (seconds_since(begin) < options_.seconds && !pinging.ends_within(kBetweenSamples)) {
       memory_at.add(seconds_since(begin), memory());
-      files_at.add(seconds_since(begin), open_files(daemon_->id()));
+      files_at.add(seconds_since(begin), open_files(daemon_.id()));
     }
     const double seconds = seconds_since(begin);
-    const double used = processor_seconds(daemon_->id()) - used_before;
+    const double used = processor_seconds(daemon_.id()) - used_before;
     const double own = processor_seconds(::getpid()) - own_before;
     const double others = busy_seconds_of_machine() - busy_before - used - own;
     const auto done = uploaded.load();
@@ -224,30 +184,25 @@ class Load {
     tell("adding " + std::to_string(more) + " rows");
     // Room in the queue for those that are made and cancelled at once.
     for (int i = 0; i < std::min(2 * kSubmitters, options_.queued); ++i)
-      cancel(queued_[queued_.size() - 1 - static_cast<std::size_t>(i)]);
-    in_parallel(more, [&](int) { cancel(create()); });
+      daemon_.cancel(queued_[queued_.size() - 1 - static_cast<std::size_t>(i)]);
+    in_parallel(more, [&](int) { daemon_.cancel(daemon_.create()); });
   }
 
   void restart() {
-    daemon_->signal(SIGKILL);
-    daemon_->wait();
+    daemon_.kill();
     const auto begin = Clock::now();
-    start();
+    daemon_.start();
     grpc::ClientContext context;
     v1::ServerInfo answer;
-    require(v1::ServerInfoService::NewStub(channel_)->GetServerInfo(&context, {}, &answer), "ping after the restart");
+    require(v1::ServerInfoService::NewStub(daemon_.channel())->GetServerInfo(&context, {}, &answer),
+            "ping after the restart");
     add("restart with " + std::to_string(std::max(options_.rows, options_.queued)) + " rows after kill -9",
         seconds_since(begin), "s", 2, kRestartTarget);
     add("memory after the restart", memory(), "MiB", 0);
   }
 
   const LoadOptions options_;
-  testing_support::TemporaryFolder folder_;
-  std::optional<ChildProcess> daemon_;
-  std::string address_;
-  std::shared_ptr<grpc::Channel> channel_;
-  std::unique_ptr<v1::RegistrationService::Stub> jobs_;
-  v1::CreateRegistrationJobRequest request_;
+  MeasuredDaemon daemon_{options_.daemon, {"--worker", options_.self, "--slots", "1", "--keep-inputs-days", "0"}};
   std::vector<std::string> queued_;
   std::vector<Figure> figures_;
 };

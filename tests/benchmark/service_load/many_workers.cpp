@@ -2,10 +2,7 @@
 
 #include "saltus/v1/worker.grpc.pb.h"
 #include "tests/benchmark/service_load/client_calls.h"
-#include "tests/support/child_process.h"
-#include "tests/support/temporary_folder.h"
-
-#include <signal.h>
+#include "tests/benchmark/service_load/measured_daemon.h"
 
 #include <algorithm>
 #include <chrono>
@@ -18,7 +15,6 @@ namespace saltus::benchmark {
 namespace {
 
 using Clock = std::chrono::steady_clock;
-using testing_support::ChildProcess;
 
 constexpr int kIdleRounds = 200;
 constexpr std::chrono::milliseconds kAfterALimit{100};
@@ -156,35 +152,16 @@ class ManyWorkers {
     measure_throughput();
     measure_idle();
     measure_heartbeats();
-    daemon_->signal(SIGTERM);
-    if (daemon_->wait() != 0) throw std::runtime_error("the daemon did not stop in order");
+    daemon_.stop();
     return figures_;
   }
 
  private:
   void start() {
-    daemon_.emplace(std::vector<std::string>{options_.daemon, "--data", folder_ / "data", "--slots", "0",
-                                             "--threads-per-job", "1", "--log-level", "warning"});
-    const std::string said = "listening on ", line = daemon_->wait_for_output(said);
-    address_ = line.substr(line.find(said) + said.size());
-    channel_ = connect(address_);
-    jobs_ = v1::RegistrationService::NewStub(channel_);
-    const auto blobs = v1::BlobService::NewStub(channel_);
-    for (auto* file : {request_.mutable_spec()->mutable_fixed(), request_.mutable_spec()->mutable_moving()}) {
-      const std::string data(65536, file == request_.mutable_spec()->mutable_fixed() ? 'f' : 'm');
-      require(upload(*blobs, data), "upload");
-      file->set_digest(digest_of(data));
-      file->set_format("mha");
-    }
+    daemon_.start();
+    daemon_.prepare(std::string(65536, 'f'), std::string(65536, 'm'));
     for (int i = 0; i < options_.workers; ++i)
-      workers_.push_back(std::make_unique<FakeWorker>(address_, i, options_.artifact_kibibytes << 10));
-  }
-
-  std::string create() {
-    grpc::ClientContext context;
-    v1::RegistrationJob job;
-    require(jobs_->CreateRegistrationJob(&context, request_, &job), "create");
-    return job.id();
+      workers_.push_back(std::make_unique<FakeWorker>(daemon_.address(), i, options_.artifact_kibibytes << 10));
   }
 
   void add(std::string name, double value, std::string unit, int digits = 1) {
@@ -215,11 +192,11 @@ class ManyWorkers {
   }
 
   void measure_throughput() {
-    in_parallel(options_.jobs, [&](int) { create(); });
+    in_parallel(options_.jobs, [&](int) { daemon_.create(); });
     add("load average of the machine before", load_average(), "");
     std::atomic<int> left{options_.jobs};
     const auto begin = Clock::now();
-    const double used = processor_seconds(daemon_->id());
+    const double used = processor_seconds(daemon_.id());
     with_all_workers([&](FakeWorker& worker) {
       while (left > 0) {
         const auto job_begin = Clock::now();
@@ -248,11 +225,11 @@ class ManyWorkers {
     int turned_away = 0;
     for (const auto& worker : workers_) turned_away += worker->turned_away;
     add("transfers that found too many streams and came again", turned_away, "", 0);
-    const double used_now = processor_seconds(daemon_->id());
+    const double used_now = processor_seconds(daemon_.id());
     add("processor time of the daemon for a job", 1000 * (used_now - used) / options_.jobs, "ms", 2);
     add("cores used by the daemon", (used_now - used) / seconds, "");
-    add("memory of the daemon", resident_mebibytes(daemon_->id()), "MiB", 0);
-    add("open files of the daemon", open_files(daemon_->id()), "", 0);
+    add("memory of the daemon", resident_mebibytes(daemon_.id()), "MiB", 0);
+    add("open files of the daemon", open_files(daemon_.id()), "", 0);
   }
 
   /// All wait, a job comes: how long until a worker has its lease.
@@ -286,7 +263,7 @@ class ManyWorkers {
     Times times;
     for (int round = 1; round <= kIdleRounds && !error; ++round) {
       const auto begin = Clock::now();
-      create();
+      daemon_.create();
       std::unique_lock lock(mutex);
       changed.wait(lock, [&] { return leased >= round || error; });
       times.push_back(1000 * seconds_since(begin));
@@ -299,11 +276,11 @@ class ManyWorkers {
 
   /// As many heartbeats as so many workers send, two a second each.
   void measure_heartbeats() {
-    in_parallel(options_.workers, [&](int) { create(); });
+    in_parallel(options_.workers, [&](int) { daemon_.create(); });
     const auto begin = Clock::now();
     std::mutex mutex;
     Times all;
-    const double used = processor_seconds(daemon_->id());
+    const double used = processor_seconds(daemon_.id());
     const auto between =
         std::chrono::nanoseconds(static_cast<std::int64_t>(1e9 * options_.workers / options_.heartbeats_per_second));
     with_all_workers([&](FakeWorker& worker) {
@@ -324,16 +301,11 @@ class ManyWorkers {
     const double seconds = seconds_since(begin);
     add("heartbeats", static_cast<double>(all.size()) / seconds, "/s", 0);
     add_times("a heartbeat", all);
-    add("cores used by the daemon meanwhile", (processor_seconds(daemon_->id()) - used) / seconds, "", 2);
+    add("cores used by the daemon meanwhile", (processor_seconds(daemon_.id()) - used) / seconds, "", 2);
   }
 
   const WorkersOptions options_;
-  testing_support::TemporaryFolder folder_;
-  std::optional<ChildProcess> daemon_;
-  std::string address_;
-  std::shared_ptr<grpc::Channel> channel_;
-  std::unique_ptr<v1::RegistrationService::Stub> jobs_;
-  v1::CreateRegistrationJobRequest request_;
+  MeasuredDaemon daemon_{options_.daemon, {"--slots", "0", "--threads-per-job", "1"}};
   std::vector<std::unique_ptr<FakeWorker>> workers_;
   std::vector<Figure> figures_;
 };
