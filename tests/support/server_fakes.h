@@ -15,6 +15,7 @@
 #include <optional>
 #include <set>
 #include <string>
+#include <utility>
 #include <vector>
 
 namespace saltus::testing_support {
@@ -218,10 +219,32 @@ class MemoryTable final : public server::JobTable {
   std::int64_t last_sequence_ = 0;
 };
 
-/// Runs every operation at once on the calling thread; an exception undoes it. With `refuse_writes`, nothing is kept.
+/// Runs every operation at once on the calling thread; an exception undoes it. With `refuse_writes`, nothing is kept;
+/// with `holds_writes`, nothing happens before release().
 class MemoryStore final : public server::JobStore {
  public:
   void write(Operation operation, Done done) override {
+    if (holds_writes)
+      held_.emplace_back(std::move(operation), std::move(done));
+    else
+      commit(operation, done);
+  }
+  void read(const std::function<void(server::JobReader&)>& operation) override { operation(table); }
+
+  /// Does what was held, in order. Returns how much that was.
+  std::size_t release() {
+    const auto held = std::exchange(held_, {});
+    holds_writes = false;
+    for (const auto& [operation, done] : held) commit(operation, done);
+    return held.size();
+  }
+
+  MemoryTable table;
+  bool refuse_writes = false;
+  bool holds_writes = false;
+
+ private:
+  void commit(const Operation& operation, const Done& done) {
     std::exception_ptr error;
     if (refuse_writes) {
       error = std::make_exception_ptr(server::Refusal(server::RefusalKind::Exhausted, "STORAGE_FULL", "full"));
@@ -236,10 +259,7 @@ class MemoryStore final : public server::JobStore {
     }
     done(error);
   }
-  void read(const std::function<void(server::JobReader&)>& operation) override { operation(table); }
-
-  MemoryTable table;
-  bool refuse_writes = false;
+  std::vector<std::pair<Operation, Done>> held_;
 };
 
 /// Starts nothing and remembers what it was asked for. Processes end when the test says so. Thread-safe.
@@ -247,11 +267,18 @@ class FakeLauncher final : public server::Launcher {
  public:
   using Key = server::AttemptKey;
 
-  bool is_batch_system() const override { return is_batch; }
-  std::string name_of(const Key& key) const override { return is_batch ? name(key) : ""; }
+  bool is_batch_system() const override {
+    must_be_there();
+    return is_batch;
+  }
+  std::string name_of(const Key& key) const override {
+    must_be_there();
+    return is_batch ? name(key) : "";
+  }
   void on_news(NewsHandler handler) override { news_ = std::move(handler); }
   void on_exit(ExitHandler handler) override { handler_ = std::move(handler); }
   std::string start(const server::LaunchRequest& request) override {
+    must_be_there();
     std::lock_guard lock(mutex_);
     if (refuse_starts) throw std::runtime_error("no such program");
     started_.push_back(request);
@@ -260,20 +287,24 @@ class FakeLauncher final : public server::Launcher {
     return name(request.key);
   }
   bool adopt(const Key& key, const std::string&) override {
+    must_be_there();
     std::lock_guard lock(mutex_);
     if (!adoptable.contains(key)) return false;
     alive_.insert(key);
     return true;
   }
   void terminate(const Key& key) override {
+    must_be_there();
     std::lock_guard lock(mutex_);
     terminated_.push_back(key);
   }
   void kill(const Key& key) override {
+    must_be_there();
     std::lock_guard lock(mutex_);
     killed_.push_back(key);
   }
   bool is_idle() const override {
+    must_be_there();
     std::lock_guard lock(mutex_);
     return alive_.empty();
   }
@@ -298,8 +329,13 @@ class FakeLauncher final : public server::Launcher {
   std::atomic<bool> refuse_starts{false};
   bool is_batch = false;    ///< to be set before a manager has it
   std::set<Key> adoptable;  ///< to be set before the manager recovers
+  /// As if it had been destroyed; what is asked of it from then on is counted, where one that is gone would be memory
+  /// that is somebody else's.
+  std::atomic<bool> is_gone{false};
+  mutable std::atomic<int> asked_when_gone{0};
 
  private:
+  void must_be_there() const { asked_when_gone += is_gone ? 1 : 0; }
   template <class T>
   std::vector<T> copy(const std::vector<T>& list) const {
     std::lock_guard lock(mutex_);

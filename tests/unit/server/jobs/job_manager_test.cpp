@@ -334,5 +334,39 @@ TEST_F(JobManagerTest, ARestartGivesNobodyASecondTurn) {
   EXPECT_THAT(order, ::testing::ElementsAre(ann1, bob1, ann2, bob2, ann3));
 }
 
+TEST_F(JobManagerTest, AJobThatHasBeenPickedIsNextUntilItsStartIsInSafety) {
+  const auto before = submit_and_launch();
+  clock.advance(10s);
+  complete(before, Delivered{});
+  launcher->end(before.key, {WorkerExit::Kind::Exited, 0});
+  const auto picked = submit();
+  store.holds_writes = true;
+  settle();
+  const JobView view = manager->get(picked);
+  EXPECT_EQ(view.job.state, JobState::Queued);
+  EXPECT_EQ(view.queue_position, 1);
+  EXPECT_EQ(view.estimated_start, clock.wall());
+  EXPECT_EQ(store.release(), 1u);
+  EXPECT_EQ(state(picked), JobState::Running);
+  EXPECT_EQ(manager->get(picked).queue_position, 0);
+}
+
+TEST_F(JobManagerTest, TheStoresLastWordNeedsNoLauncher) {
+  for (const bool is_batch : {false, true}) {
+    make_manager();
+    launcher->is_batch = is_batch;
+    make_manager_of_launcher();
+    manager->recover();
+    const auto job = submit();
+    store.holds_writes = true;
+    settle();
+    launcher->is_gone = true;
+    EXPECT_EQ(store.release(), 1u);
+    EXPECT_EQ(state(job), JobState::Running);
+    EXPECT_EQ(launcher->asked_when_gone, 0) << (is_batch ? "batch system" : "processes");
+    store.table = {};
+  }
+}
+
 }  // namespace
 }  // namespace saltus::server
