@@ -51,23 +51,30 @@ void warp(const FramedImage<Dim, T>& image, const Lattice<Dim>& points, const T*
 }
 
 template <int Dim, class T>
-void warp_adjoint(const FramedImage<Dim, T>& image, const Lattice<Dim>& points, const T* displacement, const T* dual,
+void warp_adjoint(const std::vector<WarpedDual<Dim, T>>& warped, const Lattice<Dim>& points, const T* displacement,
                   T* displacement_dual) {
-  const PointMap<Dim, T> map(image, points);
+  std::vector<PointMap<Dim, T>> maps;
+  for (const WarpedDual<Dim, T>& one : warped) maps.emplace_back(*one.image, points);
 #pragma omp parallel for schedule(static)
   for (int slab = 0; slab < points.size[Dim - 1]; ++slab)
     visit_slab<Dim>(points, slab, [&](const Index<Dim>& index, std::size_t site) {
-      if (dual[site] == T(0)) return;
-      const std::array<T, Dim> gradient = LinearCell<Dim, T>(image.lattice, map(index, displacement + Dim * site))
-                                              .template pulled_back_gradient<1>(image.samples.data(), {dual[site]});
-      for (int col = 0; col < Dim; ++col)
-        for (int row = 0; row < Dim; ++row) displacement_dual[Dim * site + col] += map.turn[row][col] * gradient[row];
+      std::array<T, Dim> sum{};
+      for (std::size_t i = 0; i < maps.size(); ++i) {
+        const T dual = warped[i].dual[site];
+        if (dual == T(0)) continue;
+        const FramedImage<Dim, T>& image = *warped[i].image;
+        const std::array<T, Dim> gradient = LinearCell<Dim, T>(image.lattice, maps[i](index, displacement + Dim * site))
+                                                .template pulled_back_gradient<1>(image.samples.data(), {dual});
+        for (int col = 0; col < Dim; ++col)
+          for (int row = 0; row < Dim; ++row) sum[col] += maps[i].turn[row][col] * gradient[row];
+      }
+      for (int col = 0; col < Dim; ++col) displacement_dual[Dim * site + col] = sum[col];
     });
 }
 
-#define SALTUS_WARP(DIM, TYPE)                                                                                        \
-  template void warp<DIM, TYPE>(const FramedImage<DIM, TYPE>&, const Lattice<DIM>&, const TYPE*, TYPE*);              \
-  template void warp_adjoint<DIM, TYPE>(const FramedImage<DIM, TYPE>&, const Lattice<DIM>&, const TYPE*, const TYPE*, \
+#define SALTUS_WARP(DIM, TYPE)                                                                                       \
+  template void warp<DIM, TYPE>(const FramedImage<DIM, TYPE>&, const Lattice<DIM>&, const TYPE*, TYPE*);             \
+  template void warp_adjoint<DIM, TYPE>(const std::vector<WarpedDual<DIM, TYPE>>&, const Lattice<DIM>&, const TYPE*, \
                                         TYPE*);
 SALTUS_WARP(2, float)
 SALTUS_WARP(3, float)

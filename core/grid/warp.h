@@ -19,9 +19,17 @@ struct FramedImage {
 template <int Dim, class T>
 void warp(const FramedImage<Dim, T>& image, const Lattice<Dim>& points, const T* displacement, T* out);
 
-/// displacement_dual += dual * gradient of image at x + u(x), the adjoint of `warp`.
+/// What a warped image's derivative is: dual(x) for image(x + u(x)).
 template <int Dim, class T>
-void warp_adjoint(const FramedImage<Dim, T>& image, const Lattice<Dim>& points, const T* displacement, const T* dual,
+struct WarpedDual {
+  const FramedImage<Dim, T>* image;
+  const T* dual;
+};
+
+/// displacement_dual = sum over the images, all warped with the same displacement, of dual * gradient of image at x +
+/// u(x): the adjoint of `warp`. Each site on its own, so displacement_dual may be `displacement` itself.
+template <int Dim, class T>
+void warp_adjoint(const std::vector<WarpedDual<Dim, T>>& warped, const Lattice<Dim>& points, const T* displacement,
                   T* displacement_dual);
 
 }  // namespace saltus

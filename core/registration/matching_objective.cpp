@@ -37,14 +37,11 @@ MatchingObjective<Dim, T>::MatchingObjective(std::vector<MomentumScale<Dim, T>*>
       map_(flow_, flow_, level.time_steps * level.map_steps) {
   const std::size_t sites = level.lattice.sites();
   image_dual_.resize(sites);
-  displacement_dual_.resize(Dim * sites);
+  on_level_.resize(Dim * sites);
   velocity_duals_.assign(shooting_.nodes(), Field<T>(Dim * flow_.sites()));
-  if (!to_level_.is_identity()) {
-    displacement_.resize(Dim * sites);
-    map_dual_.resize(Dim * flow_.sites());
-  }
+  if (!to_level_.is_identity()) map_dual_.resize(Dim * flow_.sites());
   if (!level.moving_weights.samples.empty()) weight_dual_.resize(sites);
-  warp_level<Dim, T>(level, displacement_dual_, warped_, weights_);  // the dual is still 0: at rest
+  warp_level<Dim, T>(level, on_level_, warped_, weights_);  // still 0: at rest
   similarity_->prepare(level.fixed.data(), warped_.data(), weights_.empty() ? nullptr : weights_.data());
 }
 
@@ -89,8 +86,8 @@ Evaluation MatchingObjective<Dim, T>::evaluate(const std::vector<T>& x, std::vec
 
   shooting_.shoot(momenta, blocks);
   const Field<T>& map = map_.follow(shooting_.velocities());
-  if (!to_level_.is_identity()) to_level_.take(map.data(), displacement_.data());
-  const Field<T>& displacement = to_level_.is_identity() ? map : displacement_;
+  if (!to_level_.is_identity()) to_level_.take(map.data(), on_level_.data());
+  const Field<T>& displacement = to_level_.is_identity() ? map : on_level_;
   const bool moving_weights = !level_.moving_weights.samples.empty();
   warp_level<Dim, T>(level_, displacement, warped_, weights_);
   const T* weights = weights_.empty() ? nullptr : weights_.data();
@@ -101,15 +98,14 @@ Evaluation MatchingObjective<Dim, T>::evaluate(const std::vector<T>& x, std::vec
 
   const T weight = static_cast<T>(level_.similarity_weight);
   for (T& dual : image_dual_) dual *= weight;
-  std::fill(displacement_dual_.begin(), displacement_dual_.end(), T(0));
-  warp_adjoint<Dim, T>(level_.moving, level_.lattice, displacement.data(), image_dual_.data(),
-                       displacement_dual_.data());
+  std::vector<WarpedDual<Dim, T>> duals = {{&level_.moving, image_dual_.data()}};
   if (moving_weights) {
     for (std::size_t i = 0; i < weight_dual_.size(); ++i)
       weight_dual_[i] *= weight * (level_.fixed_weights.empty() ? T(1) : level_.fixed_weights[i]);
-    warp_adjoint<Dim, T>(level_.moving_weights, level_.lattice, displacement.data(), weight_dual_.data(),
-                         displacement_dual_.data());
+    duals.push_back({&level_.moving_weights, weight_dual_.data()});
   }
+  // The displacement ends here: its dual takes its place.
+  warp_adjoint<Dim, T>(duals, level_.lattice, displacement.data(), on_level_.data());
   for (Field<T>& dual : velocity_duals_) std::fill(dual.begin(), dual.end(), T(0));
   if (level_.divergence_weight > 0)
     for (int k = 0, last = shooting_.nodes() - 1; k <= last; ++k) {
@@ -117,8 +113,8 @@ Evaluation MatchingObjective<Dim, T>::evaluate(const std::vector<T>& x, std::vec
       parts_.regularisation += add_divergence_penalty<Dim, T>(
           flow_, shooting_.velocities()[k].data(), level_.divergence_weight * share, velocity_duals_[k].data());
     }
-  if (!to_level_.is_identity()) to_level_.transpose(displacement_dual_.data(), map_dual_.data());
-  map_.adjoint(shooting_.velocities(), to_level_.is_identity() ? displacement_dual_ : map_dual_, velocity_duals_);
+  if (!to_level_.is_identity()) to_level_.transpose(on_level_.data(), map_dual_.data());
+  map_.adjoint(shooting_.velocities(), to_level_.is_identity() ? on_level_ : map_dual_, velocity_duals_);
   shooting_.adjoint(momenta, velocity_duals_, gradients, scaled);
   set_.finish_gradient(gradient, preconditioned);
   const double energy = parts_.similarity + parts_.regularisation;

@@ -97,8 +97,8 @@ class MatchingObjective final : public Objective<T> {
   std::function<void(double)> on_work_;
   int polls_ = 0;
   std::vector<T> warped_, weights_, image_dual_, weight_dual_;
-  Field<T> displacement_, displacement_dual_;  ///< on the level's lattice; the first unused when the flow lives there
-  Field<T> map_dual_;                          ///< on the flow's lattice, when that is another
+  Field<T> on_level_;  ///< the displacement's dual, and where the flow has another lattice first the displacement
+  Field<T> map_dual_;  ///< on the flow's lattice, when that is another
   std::vector<Field<T>> velocity_duals_;
 };
 

@@ -1,10 +1,14 @@
+#include "core/similarity/row_window.h"
+#include "core/similarity/similarity.h"
+
 #include <algorithm>
+#include <array>
 #include <cmath>
+#include <tuple>
 #include <utility>
 #include <vector>
 
-#include "core/similarity/box_sum.h"
-#include "core/similarity/similarity.h"
+#include <omp.h>
 
 namespace saltus {
 namespace {
@@ -13,231 +17,373 @@ namespace {
 /// q = ((var_f + e)(var_w + e))^-1/2, c = cov q. The derivative at sample y collects the windows x that hold y:
 ///     dc(x)/dw(y) = weight(y) / S_w(x) * ( q (f(y) - mean f) - c / (var_w + e) (w(y) - mean w) ),
 /// whose sum over x is box sums of coefficients that depend on x alone.
-/// Nothing of this sees a constant that is taken off an image; both lose their mean first, because the sums are stored
-/// in T and a variance small against the mean would be lost in them.
+/// Nothing of this sees a constant that is taken off an image; both lose their mean first, because sums are stored in T
+/// and a variance small against the mean would be lost in them.
 ///
-/// A window sum is one along every axis, in any order. Three sweeps take them so that what lies between two of them
-/// stays in cache, and memory sees the six sums and the coefficients once each:
-///   1. plane by plane (of the last axis): products, and their sums within the plane;
-///   2. strip by strip along the last axis: the sums' last axis, the coefficients, and the first axis of theirs;
-///   3. plane by plane: the coefficients' sums within the plane, and the gradient.
-/// A plane and a strip belong to one thread, whichever it is.
+/// One sweep along the last axis ("planes") does it all, so that memory sees both images and the gradient and nothing
+/// else: when plane p comes in, the window sums of plane p - r are complete, and with them its coefficients; so are the
+/// coefficients' sums of plane p - 2 r, and with them its gradient. Between them wait as many planes as a window is
+/// wide. The lattice is swept in tiles, bands of rows that are as high as the cache allows; a tile works out what its
+/// neighbours' windows need of it for itself. Axes: sums along y and z slide (row_window.h), those along x are taken
+/// last, of a whole row at once.
+///
+/// Images of two dimensions are rows that are one plane each.
 template <int Dim, class T>
 class LocalCorrelation final : public Similarity<Dim, T> {
  public:
   LocalCorrelation(const Lattice<Dim>& lattice, double radius_mm, double floor)
-      : lattice_(lattice),
-        radius_(window(lattice, radius_mm)),
-        sites_(lattice.sites()),
-        planes_(lattice.size[Dim - 1]),
-        plane_(sites_ / static_cast<std::size_t>(planes_)),
-        volume_(lattice.cell_volume()),
-        floor2_(floor * floor),
-        sums_(kSums * sites_) {}
+      : sites_(lattice.sites()), volume_(lattice.cell_volume()), floor2_(floor * floor) {
+    size_[0] = lattice.size[0];
+    size_[2] = lattice.size[Dim - 1];
+    if constexpr (Dim == 3) size_[1] = lattice.size[1];
+    const auto radius = [&](int axis) {
+      if (lattice.size[axis] < 2) return 0;
+      const long samples = std::max(1l, std::lround(radius_mm / lattice.spacing[axis]));
+      return static_cast<int>(std::min(samples, static_cast<long>(lattice.size[axis]) - 1));
+    };
+    radius_[0] = radius(0);
+    radius_[2] = radius(Dim - 1);
+    if constexpr (Dim == 3) radius_[1] = radius(1);
+    stride_ = (static_cast<std::size_t>(size_[0]) + 15) / 16 * 16;
+    for (int x = 0; x < size_[0]; ++x) inverse_widths_.push_back(T(1) / static_cast<T>(window_count(0, x)));
+    make_tiles();
+  }
 
   double evaluate(const T* fixed, const T* warped, const T* weights, T* gradient, T* weight_gradient) override {
-    const auto [middle_f, middle_w] = weighted_means(fixed, warped, weights);
-    sum_within_planes(fixed, warped, weights, middle_f, middle_w);
-    coefficients_.resize((weight_gradient ? 6 : 3) * sites_);
-    const double energy =
-        weight_gradient ? find_coefficients<6>(weights, weight_gradient) : find_coefficients<3>(weights, nullptr);
-    if (weight_gradient)
-      find_gradient<6>(fixed, warped, weights, middle_f, middle_w, gradient, weight_gradient);
-    else
-      find_gradient<3>(fixed, warped, weights, middle_f, middle_w, gradient, nullptr);
-    return energy;
+    Scene scene{fixed, warped, weights, gradient, weight_gradient, T(0), T(0)};
+    std::tie(scene.middle_fixed, scene.middle_warped) = weighted_means(fixed, warped, weights);
+    if (weight_gradient) return sweep<6, 6>(scene);
+    return weights ? sweep<6, 3>(scene) : sweep<5, 3>(scene);
   }
 
  private:
-  static constexpr std::size_t kSums = 6;
-  static constexpr std::size_t kStrip = 32;  ///< sites side by side in a strip along the last axis
+  /// Sums: f, w, f^2, w^2, f w and, with weights, the weight. Coefficients: 3, or 6 with the gradient of the weights.
+  static constexpr std::size_t kMostSums = 6, kMostCoefficients = 6;
+  static constexpr std::size_t kCacheBytes = 640 * 1024;  ///< of a second-level cache, for a tile's planes
+  static constexpr int kMostPlanes = 128;                 ///< of a tile
 
-  static Index<Dim> window(const Lattice<Dim>& lattice, double radius_mm) {
-    Index<Dim> radius;
-    for (int axis = 0; axis < Dim; ++axis)
-      radius[axis] =
-          lattice.size[axis] > 1 ? std::max(1, static_cast<int>(std::lround(radius_mm / lattice.spacing[axis]))) : 0;
-    return radius;
+  struct Scene {
+    const T *fixed, *warped, *weights;
+    T *gradient, *weight_gradient;
+    T middle_fixed, middle_warped;
+  };
+  struct Range {
+    int begin = 0, end = 0;
+    bool holds(int i) const { return begin <= i && i < end; }
+    Range grown(int by, int size) const { return {std::max(0, begin - by), std::min(size, end + by)}; }
+    int count() const { return end - begin; }
+  };
+  struct Tile {
+    Range rows, planes;
+  };
+  /// What a thread keeps of the tile it is at. Rows of one quantity after the other, `stride_` apart.
+  struct Work {
+    std::vector<T> product_rows, product_planes;          ///< the last rows; the last planes, summed along y
+    std::vector<T> coefficient_rows, coefficient_planes;  ///< the same
+    std::vector<double> row_sums, plane_sums, coefficient_row_sums, coefficient_plane_sums;
+    std::vector<T> padded, summed;  ///< for the sums along x
+  };
+
+  void make_tiles() {
+    const std::size_t planes = static_cast<std::size_t>(2 * radius_[2] + 2);
+    const std::size_t row = stride_ * (planes * sizeof(T) + sizeof(double));  // of one quantity
+    // Rows that the cache holds: those of five products go beyond a tile by its radius on both sides.
+    const auto fit = static_cast<long>(kCacheBytes / (8 * row)) - (10 * radius_[1] + 7) / 8;
+    const int height = static_cast<int>(std::clamp<long>(fit, std::max(8, 2 * radius_[1]), size_[1] + 8));
+    const int bands = (size_[1] + height - 1) / height, chunks = (size_[2] + kMostPlanes - 1) / kMostPlanes;
+    for (int chunk = 0; chunk < chunks; ++chunk)
+      for (int band = 0; band < bands; ++band)
+        tiles_.push_back({{size_[1] * band / bands, size_[1] * (band + 1) / bands},
+                          {size_[2] * chunk / chunks, size_[2] * (chunk + 1) / chunks}});
   }
 
   /// Of both images; 0 when nothing is seen.
   std::pair<T, T> weighted_means(const T* fixed, const T* warped, const T* weights) const {
-    struct Sums {
-      double weight = 0, fixed = 0, warped = 0;
-    };
     constexpr std::size_t block = 4096;  // sums of blocks, in the same order for any number of threads
     const std::size_t blocks = (sites_ + block - 1) / block;
-    std::vector<Sums> partial(blocks);
+    std::vector<std::array<double, 3>> partial(blocks);
 #pragma omp parallel for schedule(static)
     for (std::size_t b = 0; b < blocks; ++b) {
-      Sums sums;
-      const std::size_t end = std::min(sites_, (b + 1) * block);
-      for (std::size_t i = b * block; i < end; ++i) {
-        const double weight = weights ? double(weights[i]) : 1.0;
-        sums.weight += weight;
-        if (!(weight > 0)) continue;
-        sums.fixed += weight * fixed[i];
-        sums.warped += weight * warped[i];
+      const std::size_t first = b * block, count = std::min(block, sites_ - first);
+      const T *f = fixed + first, *w = warped + first, *weight = weights ? weights + first : nullptr;
+      double all = 0, sum_f = 0, sum_w = 0;
+      if (weight) {
+#pragma omp simd reduction(+ : all, sum_f, sum_w)
+        for (std::size_t i = 0; i < count; ++i) {
+          const double share = weight[i];
+          all += share;
+          sum_f += share > 0 ? share * double(f[i]) : 0.0;
+          sum_w += share > 0 ? share * double(w[i]) : 0.0;
+        }
+      } else {
+        all = static_cast<double>(count);
+#pragma omp simd reduction(+ : sum_f, sum_w)
+        for (std::size_t i = 0; i < count; ++i) {
+          sum_f += double(f[i]);
+          sum_w += double(w[i]);
+        }
       }
-      partial[b] = sums;
+      partial[b] = {all, sum_f, sum_w};
     }
-    Sums all;
-    for (const Sums& sums : partial) all.weight += sums.weight, all.fixed += sums.fixed, all.warped += sums.warped;
-    if (!(all.weight > 0)) return {T(0), T(0)};
-    return {static_cast<T>(all.fixed / all.weight), static_cast<T>(all.warped / all.weight)};
+    std::array<double, 3> sums{};
+    for (const auto& part : partial)
+      for (std::size_t k = 0; k < 3; ++k) sums[k] += part[k];
+    if (!(sums[0] > 0)) return {T(0), T(0)};
+    return {static_cast<T>(sums[1] / sums[0]), static_cast<T>(sums[2] / sums[0])};
   }
 
-  /// Sweep 1: sums_ of windows that lie within a plane.
-  void sum_within_planes(const T* fixed, const T* warped, const T* weights, T middle_f, T middle_w) {
-    const auto nx = static_cast<std::size_t>(lattice_.size[0]);
-#pragma omp parallel
-    {
-      std::vector<T> products(kSums * nx), rows(Dim == 3 ? kSums * plane_ : 0);
-#pragma omp for schedule(static)
-      for (int plane = 0; plane < planes_; ++plane) {
-        const std::size_t first = static_cast<std::size_t>(plane) * plane_;
-        T* into = Dim == 3 ? rows.data() : sums_.data() + kSums * first;
-        for (std::size_t row = 0; row < plane_; row += nx) {
-          for (std::size_t x = 0; x < nx; ++x) {
-            const std::size_t i = first + row + x;
-            const T weight = weights ? weights[i] : T(1);
-            T* s = products.data() + kSums * x;
-            if (weight == 0) {  // not a product with 0: what is hidden may be NaN
-              std::fill_n(s, kSums, T(0));
-              continue;
-            }
-            const T f = fixed[i] - middle_f, w = warped[i] - middle_w;
-            s[0] = weight;
-            s[1] = weight * f;
-            s[2] = weight * w;
-            s[3] = weight * f * f;
-            s[4] = weight * w * w;
-            s[5] = weight * f * w;
-          }
-          box_sum_rows(lattice_.size[0], radius_[0], kSums, products.data(), kSums, into + kSums * row, kSums);
-        }
-        if constexpr (Dim == 3)
-          box_sum_rows(lattice_.size[1], radius_[1], kSums * nx, rows.data(), kSums * nx, sums_.data() + kSums * first,
-                       kSums * nx);
-      }
-    }
-  }
-
-  /// Sweep 2: the energy; coefficients_ summed along the last axis, `Count` a site (6 with the gradient of the weights,
-  /// of which weight_gradient gets the part that its own window has).
-  template <std::size_t Count>
-  double find_coefficients(const T* weights, T* weight_gradient) {
-    const std::size_t strips = (plane_ + kStrip - 1) / kStrip;
-    std::vector<double> energies(strips);
-#pragma omp parallel
-    {
-      std::vector<T> sums(kSums * kStrip * static_cast<std::size_t>(planes_)),
-          found(Count * kStrip * static_cast<std::size_t>(planes_));
-#pragma omp for schedule(static)
-      for (std::size_t strip = 0; strip < strips; ++strip) {
-        const std::size_t first = strip * kStrip, width = std::min(kStrip, plane_ - first);
-        box_sum_rows(planes_, radius_[Dim - 1], kSums * width, sums_.data() + kSums * first, kSums * plane_,
-                     sums.data(), kSums * width);
-        double energy = 0;
-        for (int plane = 0; plane < planes_; ++plane) {
-          const std::size_t at = static_cast<std::size_t>(plane) * plane_ + first;
-          energy += coefficients_of<Count>(width, sums.data() + kSums * width * static_cast<std::size_t>(plane),
-                                           weights ? weights + at : nullptr,
-                                           found.data() + Count * width * static_cast<std::size_t>(plane),
-                                           Count == 6 ? weight_gradient + at : nullptr);
-        }
-        energies[strip] = energy;
-        box_sum_rows(planes_, radius_[Dim - 1], Count * width, found.data(), Count * width,
-                     coefficients_.data() + Count * first, Count * plane_);
-      }
-    }
+  template <std::size_t Sums, std::size_t Coefficients>
+  double sweep(const Scene& scene) {
+    work_.resize(static_cast<std::size_t>(std::max(omp_get_max_threads(), static_cast<int>(work_.size()))));
+    std::vector<double> energies(tiles_.size());
+#pragma omp parallel for schedule(dynamic, 1)
+    for (std::size_t i = 0; i < tiles_.size(); ++i)
+      energies[i] =
+          sweep_tile<Sums, Coefficients>(scene, tiles_[i], work_[static_cast<std::size_t>(omp_get_thread_num())]);
     double energy = 0;
     for (double part : energies) energy += part;
     return energy;
   }
 
-  /// Of `width` windows side by side, in double. Loops over arrays of one quantity each run in lanes.
-  template <std::size_t Count>
-  double coefficients_of(std::size_t width, const T* sums, const T* weights, T* found, T* weight_gradient) const {
-    double s[kSums][kStrip], weight[kStrip], k[Count][kStrip], correlation[kStrip];
-    for (std::size_t j = 0; j < width; ++j) {
-      for (std::size_t channel = 0; channel < kSums; ++channel) s[channel][j] = sums[kSums * j + channel];
-      weight[j] = weights ? double(weights[j]) : 1.0;
-    }
-#pragma omp simd
-    for (std::size_t j = 0; j < width; ++j) {
-      const bool sees = (s[0][j] > 1e-6) & (Count == 6 || weight[j] != 0);  // else c is 0
-      const double share = sees ? 1 / s[0][j] : 0.0;
-      const double mean_f = s[1][j] * share, mean_w = s[2][j] * share;
-      const double v_f = std::max(0.0, s[3][j] * share - mean_f * mean_f),
-                   v_w = std::max(0.0, s[4][j] * share - mean_w * mean_w);
-      const double var_f = v_f + floor2_, var_w = v_w + floor2_;
-      const double cov = s[5][j] * share - mean_f * mean_w;
-      const double q2 = 1 / (var_f * var_w), q = std::sqrt(q2), c = cov * q;
-      const double factor = volume_ * weight[j] * share;
-      const double a = factor * q, b = factor * c * (q2 * var_f);
-      correlation[j] = sees ? c : 0.0;
-      k[0][j] = a;
-      k[1][j] = b;
-      k[2][j] = a * mean_f - b * mean_w;
-      if constexpr (Count == 6) {
-        // dc/dweight(y) = [ q ((f-mf)(w-mw) - cov) - c/2 ((f-mf)^2 - v_f)/var_f - c/2 ((w-mw)^2 - v_w)/var_w ] / S_w
-        const double d = factor * c * (q2 * var_w);
-        k[3][j] = d;
-        k[4][j] = -a * mean_w + d * mean_f;
-        k[5][j] = a * (mean_f * mean_w - cov) - 0.5 * d * (mean_f * mean_f - v_f) - 0.5 * b * (mean_w * mean_w - v_w);
-      }
-    }
+  template <std::size_t Sums, std::size_t Coefficients>
+  double sweep_tile(const Scene& scene, const Tile& tile, Work& work) const {
+    const int ry = radius_[1], rz = radius_[2];
+    const Range windows = tile.rows.grown(ry, size_[1]);
+    const Range products = tile.planes.grown(2 * rz, size_[2]), centres = tile.planes.grown(rz, size_[2]);
+    clear<Sums, Coefficients>(tile, work);
     double energy = 0;
-    for (std::size_t j = 0; j < width; ++j) {
-      for (std::size_t channel = 0; channel < Count; ++channel)
-        found[Count * j + channel] = static_cast<T>(k[channel][j]);
-      energy += volume_ * weight[j] * (1 - correlation[j]);
-      if constexpr (Count == 6) weight_gradient[j] = static_cast<T>(volume_ * (1 - correlation[j]));
+    for (int plane = products.begin; plane < tile.planes.end + 2 * rz; ++plane) {
+      if (products.holds(plane)) take_products<Sums>(scene, tile.rows, plane, work);
+      const int centre = plane - rz;
+      if (centre < centres.end) {
+        const T* entering = products.holds(plane) ? product_plane<Sums>(work, windows, plane) : nullptr;
+        const int left = centre - rz - 1;
+        const T* leaving = products.holds(left) ? product_plane<Sums>(work, windows, left) : nullptr;
+        slide_window(Sums * static_cast<std::size_t>(windows.count()) * stride_, entering, leaving,
+                     work.plane_sums.data());
+        if (centres.holds(centre)) energy += take_coefficients<Sums, Coefficients>(scene, tile, centre, work);
+      }
+      const int at = centre - rz, left = at - rz - 1;
+      const T* entering = centres.holds(centre) ? coefficient_plane<Coefficients>(work, tile.rows, centre) : nullptr;
+      const T* leaving = centres.holds(left) ? coefficient_plane<Coefficients>(work, tile.rows, left) : nullptr;
+      slide_window(Coefficients * static_cast<std::size_t>(tile.rows.count()) * stride_, entering, leaving,
+                   work.coefficient_plane_sums.data());
+      if (tile.planes.holds(at)) give_gradient<Coefficients>(scene, tile.rows, at, work);
     }
     return energy;
   }
 
-  /// Sweep 3: what is left of the coefficients' sums, and the gradients that they are for.
-  template <std::size_t Count>
-  void find_gradient(const T* fixed, const T* warped, const T* weights, T middle_f, T middle_w, T* gradient,
-                     T* weight_gradient) {
-    const auto nx = static_cast<std::size_t>(lattice_.size[0]);
-#pragma omp parallel
-    {
-      std::vector<T> rows(Dim == 3 ? Count * plane_ : 0), row_sums(Count * nx);
-#pragma omp for schedule(static)
-      for (int plane = 0; plane < planes_; ++plane) {
-        const std::size_t first = static_cast<std::size_t>(plane) * plane_;
-        const T* from = coefficients_.data() + Count * first;
-        if constexpr (Dim == 3) {
-          box_sum_rows(lattice_.size[1], radius_[1], Count * nx, from, Count * nx, rows.data(), Count * nx);
-          from = rows.data();
-        }
-        for (std::size_t row = 0; row < plane_; row += nx) {
-          box_sum_rows(lattice_.size[0], radius_[0], Count, from + Count * row, Count, row_sums.data(), Count);
-          for (std::size_t x = 0; x < nx; ++x) {
-            const std::size_t i = first + row + x;
-            const T* s = row_sums.data() + Count * x;
-            const T weight = weights ? weights[i] : T(1);
-            const T f = fixed[i] - middle_f, w = warped[i] - middle_w;
-            gradient[i] = weight == 0 ? T(0) : -weight * (f * s[0] - w * s[1] - s[2]);
-            if constexpr (Count == 6)
-              weight_gradient[i] -=
-                  f * w * s[0] - T(0.5) * f * f * s[3] - T(0.5) * w * w * s[1] + f * s[4] - w * s[2] + s[5];
-          }
-        }
+  template <std::size_t Sums, std::size_t Coefficients>
+  void clear(const Tile& tile, Work& work) const {
+    const auto slots = [](int radius) { return static_cast<std::size_t>(2 * radius + 2); };
+    const auto rows = static_cast<std::size_t>(tile.rows.count());
+    const auto window_rows = static_cast<std::size_t>(tile.rows.grown(radius_[1], size_[1]).count());
+    const auto fit = [](auto& values, std::size_t count) {
+      if (values.size() < count) values.resize(count);
+    };
+    fit(work.product_rows, slots(radius_[1]) * Sums * stride_);
+    fit(work.product_planes, slots(radius_[2]) * window_rows * Sums * stride_);
+    fit(work.coefficient_rows, slots(radius_[1]) * Coefficients * stride_);
+    fit(work.coefficient_planes, slots(radius_[2]) * rows * Coefficients * stride_);
+    fit(work.row_sums, Sums * stride_);
+    fit(work.coefficient_row_sums, Coefficients * stride_);
+    fit(work.padded, stride_ + 2 * static_cast<std::size_t>(radius_[0]));
+    fit(work.summed, std::max(Sums, Coefficients) * stride_);
+    work.plane_sums.assign(window_rows * Sums * stride_, 0.0);
+    work.coefficient_plane_sums.assign(rows * Coefficients * stride_, 0.0);
+  }
+
+  template <std::size_t Sums>
+  T* product_plane(Work& work, const Range& windows, int plane) const {
+    return work.product_planes.data() + static_cast<std::size_t>(plane % (2 * radius_[2] + 2)) *
+                                            static_cast<std::size_t>(windows.count()) * Sums * stride_;
+  }
+  template <std::size_t Coefficients>
+  T* coefficient_plane(Work& work, const Range& rows, int plane) const {
+    return work.coefficient_planes.data() + static_cast<std::size_t>(plane % (2 * radius_[2] + 2)) *
+                                                static_cast<std::size_t>(rows.count()) * Coefficients * stride_;
+  }
+  template <std::size_t Channels>
+  T* row_of(std::vector<T>& rows, int row) const {
+    return rows.data() + static_cast<std::size_t>(row % (2 * radius_[1] + 2)) * Channels * stride_;
+  }
+
+  /// The sums along y of `from`, rows of `Channels` quantities that `make` brings, for all rows of `wanted`.
+  template <std::size_t Channels, class Make>
+  void sum_along_y(const Range& from, const Range& wanted, std::vector<T>& rows, std::vector<double>& sums, T* out,
+                   Make&& make) const {
+    const int ry = radius_[1];
+    std::fill_n(sums.begin(), Channels * stride_, 0.0);
+    for (int row = from.begin; row < wanted.end + ry; ++row) {
+      T* entering = from.holds(row) ? row_of<Channels>(rows, row) : nullptr;
+      if (entering) make(row, entering);
+      const int centre = row - ry, left = centre - ry - 1;
+      slide_window(Channels * stride_, static_cast<const T*>(entering),
+                   from.holds(left) ? static_cast<const T*>(row_of<Channels>(rows, left)) : nullptr, sums.data());
+      if (!wanted.holds(centre)) continue;
+      T* to = out + static_cast<std::size_t>(centre - wanted.begin) * Channels * stride_;
+#pragma omp simd
+      for (std::size_t x = 0; x < Channels * stride_; ++x) to[x] = static_cast<T>(sums[x]);
+    }
+  }
+
+  template <std::size_t Sums>
+  void take_products(const Scene& scene, const Range& tile_rows, int plane, Work& work) const {
+    const Range windows = tile_rows.grown(radius_[1], size_[1]), from = tile_rows.grown(2 * radius_[1], size_[1]);
+    sum_along_y<Sums>(from, windows, work.product_rows, work.row_sums, product_plane<Sums>(work, windows, plane),
+                      [&](int row, T* to) { products_of<Sums>(scene, first_of(row, plane), to); });
+  }
+
+  template <std::size_t Sums>
+  void products_of(const Scene& scene, std::size_t first, T* to) const {
+    const T *fixed = scene.fixed + first, *warped = scene.warped + first;
+    const T middle_f = scene.middle_fixed, middle_w = scene.middle_warped;
+    const auto width = static_cast<std::size_t>(size_[0]);
+    if constexpr (Sums == 5) {
+#pragma omp simd
+      for (std::size_t x = 0; x < width; ++x) {
+        const T f = fixed[x] - middle_f, w = warped[x] - middle_w;
+        to[x] = f;
+        to[stride_ + x] = w;
+        to[2 * stride_ + x] = f * f;
+        to[3 * stride_ + x] = w * w;
+        to[4 * stride_ + x] = f * w;
+      }
+    } else {
+      const T* weights = scene.weights + first;
+#pragma omp simd
+      for (std::size_t x = 0; x < width; ++x) {
+        const T weight = weights[x];
+        const bool is_seen = weight != 0;  // not a product with 0: what is hidden may be NaN
+        const T f = is_seen ? fixed[x] - middle_f : T(0), w = is_seen ? warped[x] - middle_w : T(0);
+        to[x] = weight * f;
+        to[stride_ + x] = weight * w;
+        to[2 * stride_ + x] = weight * f * f;
+        to[3 * stride_ + x] = weight * w * w;
+        to[4 * stride_ + x] = weight * f * w;
+        to[5 * stride_ + x] = weight;
       }
     }
   }
 
-  Lattice<Dim> lattice_;
-  Index<Dim> radius_;
-  std::size_t sites_;
-  int planes_;         ///< along the last axis
-  std::size_t plane_;  ///< sites of each
+  /// The energy of the tile's own windows; the coefficients of all windows that hold one of its samples, summed along
+  /// y.
+  template <std::size_t Sums, std::size_t Coefficients>
+  double take_coefficients(const Scene& scene, const Tile& tile, int plane, Work& work) const {
+    const Range windows = tile.rows.grown(radius_[1], size_[1]);
+    double energy = 0;
+    sum_along_y<Coefficients>(
+        windows, tile.rows, work.coefficient_rows, work.coefficient_row_sums,
+        coefficient_plane<Coefficients>(work, tile.rows, plane), [&](int row, T* to) {
+          const double* sums = work.plane_sums.data() + static_cast<std::size_t>(row - windows.begin) * Sums * stride_;
+          for (std::size_t k = 0; k < Sums; ++k) sum_along_x(sums + k * stride_, work, k);
+          const bool is_own = tile.rows.holds(row) && tile.planes.holds(plane);
+          energy += coefficients_of<Sums, Coefficients>(scene, row, plane, is_own, work.summed.data(), to);
+        });
+    return energy;
+  }
+
+  void sum_along_x(const double* sums, Work& work, std::size_t channel) const {
+    const auto width = static_cast<std::size_t>(size_[0]), radius = static_cast<std::size_t>(radius_[0]);
+    T* padded = work.padded.data();
+    std::fill_n(padded, radius, T(0));
+#pragma omp simd
+    for (std::size_t x = 0; x < width; ++x) padded[radius + x] = static_cast<T>(sums[x]);
+    std::fill_n(padded + radius + width, radius, T(0));
+    sum_along_row(width, radius_[0], padded, work.summed.data() + channel * stride_);
+  }
+
+  /// Of one row of windows. Without weights a window's are counted.
+  template <std::size_t Sums, std::size_t Coefficients>
+  double coefficients_of(const Scene& scene, int row, int plane, bool is_own, const T* sums, T* to) const {
+    const auto width = static_cast<std::size_t>(size_[0]);
+    const std::size_t first = first_of(row, plane);
+    const T floor2 = static_cast<T>(floor2_), volume = static_cast<T>(volume_);
+    const T across = T(1) / static_cast<T>(window_count(1, row) * window_count(2, plane));
+    const auto quantity = [&](const T* rows, std::size_t k) { return rows + k * stride_; };
+    const T *s_f = sums, *s_w = quantity(sums, 1), *s_ff = quantity(sums, 2), *s_ww = quantity(sums, 3),
+            *s_fw = quantity(sums, 4), *s_1 = Sums == 6 ? quantity(sums, 5) : nullptr;
+    const T *weights = Sums == 6 ? scene.weights + first : nullptr, *inverse_widths = inverse_widths_.data();
+    T *k_f = to, *k_w = to + stride_, *k_1 = to + 2 * stride_, *k_ff = to + 3 * stride_, *m_f = to + 4 * stride_,
+      *m_1 = to + 5 * stride_;
+    T* weight_gradient = Coefficients == 6 && is_own ? scene.weight_gradient + first : nullptr;
+    double energy = 0;
+#pragma omp simd reduction(+ : energy)
+    for (std::size_t x = 0; x < width; ++x) {
+      const T weight = Sums == 6 ? weights[x] : T(1);
+      const T all = Sums == 6 ? s_1[x] : T(1);
+      const bool sees = Sums == 5 || ((all > T(1e-6)) & (Coefficients == 6 || weight != 0));  // else c is 0
+      const T share = Sums == 5 ? across * inverse_widths[x] : (sees ? 1 / all : T(0));
+      const T mean_f = s_f[x] * share, mean_w = s_w[x] * share;
+      const T e_f = s_ff[x] * share - mean_f * mean_f, e_w = s_ww[x] * share - mean_w * mean_w;
+      const T v_f = e_f > 0 ? e_f : T(0), v_w = e_w > 0 ? e_w : T(0);
+      const T var_f = v_f + floor2, var_w = v_w + floor2, cov = s_fw[x] * share - mean_f * mean_w;
+      const T q2 = 1 / (var_f * var_w), q = std::sqrt(q2), c = cov * q;
+      const T factor = volume * weight * share;
+      const T a = factor * q, b = factor * c * (q2 * var_f);
+      k_f[x] = a;
+      k_w[x] = b;
+      k_1[x] = a * mean_f - b * mean_w;
+      if constexpr (Coefficients == 6) {
+        // dc/dweight(y) = [ q ((f-mf)(w-mw) - cov) - c/2 ((f-mf)^2 - v_f)/var_f - c/2 ((w-mw)^2 - v_w)/var_w ] / S_w
+        const T d = factor * c * (q2 * var_w);
+        k_ff[x] = d;
+        m_f[x] = d * mean_f - a * mean_w;
+        m_1[x] = a * (mean_f * mean_w - cov) - T(0.5) * (d * (mean_f * mean_f - v_f) + b * (mean_w * mean_w - v_w));
+      }
+      const T rest = 1 - (sees ? c : T(0));
+      energy += double(weight) * double(rest);
+      if constexpr (Coefficients == 6)
+        if (weight_gradient) weight_gradient[x] = volume * rest;
+    }
+    return is_own ? volume_ * energy : 0.0;
+  }
+
+  /// What is left of the coefficients' sums, and the gradients that they are for.
+  template <std::size_t Coefficients>
+  void give_gradient(const Scene& scene, const Range& rows, int plane, Work& work) const {
+    const auto width = static_cast<std::size_t>(size_[0]);
+    const T middle_f = scene.middle_fixed, middle_w = scene.middle_warped;
+    for (int row = rows.begin; row < rows.end; ++row) {
+      const double* sums =
+          work.coefficient_plane_sums.data() + static_cast<std::size_t>(row - rows.begin) * Coefficients * stride_;
+      for (std::size_t k = 0; k < Coefficients; ++k) sum_along_x(sums + k * stride_, work, k);
+      const T* s = work.summed.data();
+      const std::size_t first = first_of(row, plane);
+      const T *fixed = scene.fixed + first, *warped = scene.warped + first;
+      T* gradient = scene.gradient + first;
+      if (!scene.weights) {
+#pragma omp simd
+        for (std::size_t x = 0; x < width; ++x)
+          gradient[x] = (warped[x] - middle_w) * s[stride_ + x] + s[2 * stride_ + x] - (fixed[x] - middle_f) * s[x];
+        continue;
+      }
+      for (std::size_t x = 0; x < width; ++x) {
+        const T weight = scene.weights[first + x], f = fixed[x] - middle_f, w = warped[x] - middle_w;
+        gradient[x] = weight == 0 ? T(0) : -weight * (f * s[x] - w * s[stride_ + x] - s[2 * stride_ + x]);
+        if constexpr (Coefficients == 6)
+          scene.weight_gradient[first + x] -= f * w * s[x] - T(0.5) * f * f * s[3 * stride_ + x] -
+                                              T(0.5) * w * w * s[stride_ + x] + f * s[4 * stride_ + x] -
+                                              w * s[2 * stride_ + x] + s[5 * stride_ + x];
+      }
+    }
+  }
+
+  std::size_t first_of(int row, int plane) const {
+    return (static_cast<std::size_t>(plane) * static_cast<std::size_t>(size_[1]) + static_cast<std::size_t>(row)) *
+           static_cast<std::size_t>(size_[0]);
+  }
+  /// Samples of a window along an axis, cut at the border.
+  int window_count(int axis, int at) const {
+    return std::min(size_[axis] - 1, at + radius_[axis]) - std::max(0, at - radius_[axis]) + 1;
+  }
+
+  std::array<int, 3> size_{1, 1, 1}, radius_{};  ///< along x, rows, planes
+  std::size_t sites_, stride_;                   ///< of the lattice; between quantities of a row
   double volume_, floor2_;
-  std::vector<T> sums_, coefficients_;
+  std::vector<T> inverse_widths_;  ///< 1 / window_count along x
+  std::vector<Tile> tiles_;
+  std::vector<Work> work_;  ///< by thread
 };
 
 }  // namespace

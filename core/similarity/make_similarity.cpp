@@ -30,10 +30,9 @@ int similarity_scratch(SimilarityType type, int dimension) {
   switch (type) {
     case SimilarityType::Ssd:
     case SimilarityType::Ncc:
+    case SimilarityType::Lncc:  // its planes of a few rows do not count
     case SimilarityType::Mi:
       return 0;
-    case SimilarityType::Lncc:
-      return 12;  // six sums, and with a mask as many coefficients
     case SimilarityType::Ngf:
       return 2 * dimension;  // what comes back to the differences of both images
     case SimilarityType::Mind:

@@ -111,8 +111,8 @@ class Scene {
 
     list.push_back({"warp", kVector + 2 * kScalar, 3 * kPlacing + interpolation(1),
                     [this] { warp<3, float>(image_, lattice_, displacement_.data(), scalar_.data()); }});
-    list.push_back({"its adjoint", 3 * kVector + 2 * kScalar, 3 * kPlacing + 3 * interpolation(1) + 9 * 2, [this] {
-                      warp_adjoint<3, float>(image_, lattice_, displacement_.data(), fixed_.data(), more_.data());
+    list.push_back({"its adjoint", 2 * kVector + 2 * kScalar, 3 * kPlacing + 3 * interpolation(1) + 9 * 2, [this] {
+                      warp_adjoint<3, float>({{&image_, fixed_.data()}}, lattice_, displacement_.data(), more_.data());
                     }});
 
     // Both images read, the gradient written. Six products, window sums of those and of three coefficients (a sum and a

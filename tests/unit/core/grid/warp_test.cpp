@@ -70,26 +70,32 @@ TEST(Warp, ReadsAnObliqueImageWhereThePointIs) {
   expect_value_at_the_mapped_place<3>();
 }
 
-// Oracle: <warp'(u) w, dual> = <w, warp_adjoint(dual)>, the left side by central differences.
+// Oracle: <warp'(u) w, dual> = <w, warp_adjoint(dual)> for two images, the left side by central differences.
 template <int Dim>
 void expect_adjoint() {
   const FramedImage<Dim, double> image = oblique_image<Dim>();
+  FramedImage<Dim, double> other = image;
+  other.samples = random_values(image.samples.size(), 6);
   const Lattice<Dim> where = points<Dim>();
   const std::vector<double> u = random_values(Dim * where.sites(), 3, 0.4), w = random_values(u.size(), 4),
-                            dual = random_values(where.sites(), 5);
+                            dual = random_values(where.sites(), 5), other_dual = random_values(where.sites(), 7);
   const double slope = testing::slope_along(
       [&](const std::vector<double>& at) {
-        std::vector<double> out(where.sites());
+        std::vector<double> out(where.sites()), other_out(where.sites());
         warp<Dim, double>(image, where, at.data(), out.data());
-        return dot(out, dual);
+        warp<Dim, double>(other, where, at.data(), other_out.data());
+        return dot(out, dual) + dot(other_out, other_dual);
       },
       u, w, 1e-7);
-  std::vector<double> u_dual(u.size(), 2.0);
-  warp_adjoint<Dim, double>(image, where, u.data(), dual.data(), u_dual.data());
-  double added = dot(u_dual, w);
-  for (double value : w) added -= 2 * value;  // it adds to what was there
+  const std::vector<WarpedDual<Dim, double>> both = {{&image, dual.data()}, {&other, other_dual.data()}};
+  std::vector<double> u_dual(u.size(), 2.0);  // what was there is overwritten
+  warp_adjoint<Dim, double>(both, where, u.data(), u_dual.data());
   EXPECT_GT(std::abs(slope), 0.1);
-  EXPECT_NEAR(added, slope, 1e-6 * std::sqrt(dot(dual, dual)));
+  EXPECT_NEAR(dot(u_dual, w), slope, 1e-6 * std::sqrt(dot(dual, dual)));
+
+  std::vector<double> in_place = u;
+  warp_adjoint<Dim, double>(both, where, in_place.data(), in_place.data());
+  EXPECT_EQ(in_place, u_dual);
 }
 
 TEST(Warp, HasAnAdjoint) {

@@ -90,5 +90,68 @@ TEST(LocalCorrelation, GivesNoCorrelationToFlatWindowsInFloat) {
   }
 }
 
+// Lattices of several bands of rows (wide windows of long rows) and of more planes than one sweep takes. Oracles: every
+// window term by term; central differences along a random direction, for both gradients at once.
+TEST(LocalCorrelation, TilesDoNotShow) {
+  struct Case {
+    Index<3> size;
+    int radius;
+  };
+  for (const Case& one : {Case{{300, 40, 5}, 7}, Case{{5, 4, 141}, 2}, Case{{900, 19, 3}, 4}}) {
+    const Lattice<3> lattice{one.size, {1, 1, 1}, {}};
+    const std::vector<double> fixed = testing::random_waves<3>(lattice, 4),
+                              warped = testing::random_waves<3>(lattice, 5);
+    std::vector<double> weights = testing::random_values(lattice.sites(), 6, 0.4);
+    for (double& weight : weights) weight = std::max(0.01, weight + 0.4);
+    const std::unique_ptr<Similarity<3, double>> similarity =
+        make_local_correlation<3, double>(lattice, one.radius, 0.05);
+    std::vector<double> gradient(lattice.sites()), weight_gradient(lattice.sites());
+    const double energy =
+        similarity->evaluate(fixed.data(), warped.data(), weights.data(), gradient.data(), weight_gradient.data());
+
+    double expected = 0;
+    const auto offset = [&](int x, int y, int z) {
+      return static_cast<std::size_t>(x + one.size[0] * (y + one.size[1] * z));
+    };
+    const auto term = [&](const Index<3>& centre) {
+      double sums[6] = {};
+      Index<3> from, to;
+      for (int axis = 0; axis < 3; ++axis) {
+        from[axis] = std::max(0, centre[axis] - one.radius);
+        to[axis] = std::min(one.size[axis] - 1, centre[axis] + one.radius);
+      }
+      for (int z = from[2]; z <= to[2]; ++z)
+        for (int y = from[1]; y <= to[1]; ++y)
+          for (int x = from[0]; x <= to[0]; ++x) {
+            const std::size_t i = offset(x, y, z);
+            const double f = fixed[i], w = warped[i], weight = weights[i];
+            sums[0] += weight, sums[1] += weight * f, sums[2] += weight * w;
+            sums[3] += weight * f * f, sums[4] += weight * w * w, sums[5] += weight * f * w;
+          }
+      const double f = sums[1] / sums[0], w = sums[2] / sums[0];
+      const double var_f = sums[3] / sums[0] - f * f + 0.0025, var_w = sums[4] / sums[0] - w * w + 0.0025;
+      return weights[offset(centre[0], centre[1], centre[2])] *
+             (1 - (sums[5] / sums[0] - f * w) / std::sqrt(var_f * var_w));
+    };
+    for (int z = 0; z < one.size[2]; ++z)
+      for (int y = 0; y < one.size[1]; ++y)
+        for (int x = 0; x < one.size[0]; ++x) expected += term({x, y, z});
+    EXPECT_NEAR(energy, expected, 1e-9 * expected);
+
+    const std::vector<double> turn = testing::random_waves<3>(lattice, 7),
+                              shown = testing::random_values(lattice.sites(), 8, 1);
+    const auto energy_at = [&](double step) {
+      std::vector<double> moved = warped, weighed = weights, unused(lattice.sites());
+      for (std::size_t i = 0; i < moved.size(); ++i) moved[i] += step * turn[i], weighed[i] += step * 0.01 * shown[i];
+      return similarity->evaluate(fixed.data(), moved.data(), weighed.data(), unused.data(), nullptr);
+    };
+    double slope = 0;
+    for (std::size_t i = 0; i < gradient.size(); ++i)
+      slope += gradient[i] * turn[i] + weight_gradient[i] * 0.01 * shown[i];
+    const double h = 1e-4;
+    EXPECT_NEAR((energy_at(h) - energy_at(-h)) / (2 * h), slope, 1e-6 * std::abs(slope) + 1e-7 * expected);
+  }
+}
+
 }  // namespace
 }  // namespace saltus
