@@ -75,12 +75,12 @@ canvas { display: block; width: 100%; border-radius: 3px; cursor: crosshair; ima
 .chart .rule { stroke: var(--line); } .curve { fill: none; stroke-width: 1.8; stroke-linejoin: round; }
 .curve0 { stroke: var(--c0); } .curve1 { stroke: var(--c1); stroke-dasharray: 5 3; }
 .curve2 { stroke: var(--c2); stroke-dasharray: 1.5 2.5; } .curve3 { stroke: var(--c3); stroke-dasharray: 8 2 2 2; }
-.columns .chart { max-width: 440px; }
+.columns .chart { max-width: 440px; margin-top: 10px; }
 .columns { display: grid; grid-template-columns: repeat(auto-fit, minmax(min(100%, 380px), 1fr)); gap: 8px 32px; align-items: start; }
 .scroll { overflow-x: auto; } table { border-collapse: collapse; width: 100%; font-size: 13.5px; font-variant-numeric: tabular-nums; }
-th { text-align: right; font-weight: 600; color: var(--soft); border-bottom: 1px solid var(--line); padding: 5px 10px; }
-td { text-align: right; border-bottom: 1px solid var(--line); padding: 4px 10px; white-space: nowrap; }
-th:first-child, td:first-child { text-align: left; padding-left: 0; }
+th { text-align: right; font-weight: 600; color: var(--soft); border-bottom: 1px solid var(--line); padding: 5px 7px; }
+td { text-align: right; border-bottom: 1px solid var(--line); padding: 4px 7px; white-space: nowrap; }
+th:first-child, td:first-child { text-align: left; padding-left: 0; } td:first-child { white-space: normal; }
 .narrow { max-width: 480px; margin-bottom: 14px; }
 .settings td:last-child { white-space: normal; text-align: left; color: var(--soft); } .settings th:last-child { text-align: left; }
 .inputs td:last-child { white-space: normal; overflow-wrap: anywhere; font-size: 11.5px; color: var(--soft); min-width: 180px; }

@@ -75,8 +75,9 @@ void set_size(SlicePlane<Dim>& plane, const ImageGrid<Dim>& grid, int longest_si
   plane.height = std::max(1, static_cast<int>(std::lround(high / plane.pixel_mm)));
 }
 
-std::vector<SlicePlane<2>> planes_at(const Vector<2>&, const ImageGrid<2>& grid, int longest_side) {
+std::vector<SlicePlane<2>> planes_at(const Vector<2>& point, const ImageGrid<2>& grid, int longest_side) {
   SlicePlane<2> plane;
+  plane.position = point;
   set_size(plane, grid, longest_side);
   return {plane};
 }

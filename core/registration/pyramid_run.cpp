@@ -1,5 +1,6 @@
 #include "core/registration/pyramid_run.h"
 
+#include "core/registration/expected_iterations.h"
 #include "core/support/errors.h"
 
 #include <algorithm>
@@ -46,14 +47,8 @@ PyramidRun<Dim>::PyramidRun(const RegistrationInput<Dim>& input, const Registrat
       levels_.push_back(level);
   if (is_blank_) levels_ = {finest};
 
-  for (int level : levels_) {
-    const bool has_first = std::any_of(scales_.begin(), scales_.end(), [&](const auto& placed) {
-      return placed.level >= level && placed.scale->has_first_order();
-    });
-    meter_.plan_step(static_cast<double>(level_lattice(pyramid_.fixed_lattice(), level).sites()) *
-                     static_cast<double>(sparsity_rounds(options.momenta, has_first).size()) *
-                     (options.optimisation.max_iterations + 2));
-  }
+  // Where first orders have to be worth it, most levels end after the round without them.
+  for (int level : levels_) meter_.plan_step(planned_work(level, options.momenta.first_order_gain <= 0));
 
   if (checkpointing.offer || !checkpointing.resume.empty()) job_ = job_fingerprint(input, options);
   if (checkpointing.resume.empty()) return;
@@ -64,9 +59,23 @@ PyramidRun<Dim>::PyramidRun(const RegistrationInput<Dim>& input, const Registrat
   is_resumed_ = true;
   summary_.levels = reached_.levels;
   summary_.history = reached_.history;
-  if (reached_.step > 0) meter_.end(static_cast<std::size_t>(reached_.step) - 1);
+  for (std::size_t step = 0; step < static_cast<std::size_t>(reached_.step); ++step) meter_.end(step, true);
   seconds_before_ = reached_.seconds;
   cpu_seconds_before_ = reached_.cpu_seconds;
+}
+
+template <int Dim>
+bool PyramidRun<Dim>::has_first_at(int level) const {
+  return std::any_of(scales_.begin(), scales_.end(),
+                     [&](const auto& placed) { return placed.level >= level && placed.scale->has_first_order(); });
+}
+
+/// Of a level that has not begun, in sites evaluated.
+template <int Dim>
+double PyramidRun<Dim>::planned_work(int level, bool lets_in) const {
+  const std::size_t rounds = lets_in ? sparsity_rounds(options_.momenta, has_first_at(level)).size() : 1;
+  return static_cast<double>(level_lattice(pyramid_.fixed_lattice(), level).sites()) * static_cast<double>(rounds) *
+         (std::min(usual_iterations, options_.optimisation.max_iterations) + 1);
 }
 
 template <int Dim>
@@ -113,9 +122,7 @@ void PyramidRun<Dim>::begin_level(std::size_t step) {
   level_seconds_before_ = level_.seconds;
   level_cpu_seconds_before_ = level_.cpu_seconds;
 
-  has_first_ = std::any_of(scales_.begin(), scales_.end(), [&](const auto& placed) {
-    return placed.level >= level && placed.scale->has_first_order();
-  });
+  has_first_ = has_first_at(level);
   decides_ = has_first_ && options_.momenta.first_order_gain > 0 &&
              std::none_of(summary_.levels.begin(), summary_.levels.end(),
                           [&](const LevelSummary& before) { return before.decision == FirstOrderDecision::LetIn; });
@@ -221,6 +228,8 @@ void PyramidRun<Dim>::begin_round(std::size_t round) {
 template <int Dim>
 void PyramidRun<Dim>::minimise_round(std::size_t round) {
   // A round in which first orders waited minimised the same energy.
+  round_watch_ = Stopwatch();
+  round_work_ = 0;
   const bool goes_on = round > 0 && !rounds_[round - 1].lets_blocks_join && options_.momenta.first_order_waits;
   how_.decrease_before = goes_on ? level_.energy_before - level_.energy_after : 0;
   const MinimiseSummary found = minimise<Scalar>(*objective_, how_, reached_.minimiser,
@@ -250,6 +259,9 @@ bool PyramidRun<Dim>::first_orders_are_worth_it() {
   level_.decision = is_worth_it ? FirstOrderDecision::LetIn : FirstOrderDecision::LeftOut;
   level_.first_order_gain = promise.gain;
   level_.first_order_shear = promise.shear;
+  if (is_worth_it)
+    for (std::size_t step = step_; step < levels_.size(); ++step)
+      meter_.expect(step, planned_work(levels_[step], true));
   return is_worth_it;
 }
 
@@ -279,8 +291,10 @@ void PyramidRun<Dim>::count_round() {
 template <int Dim>
 bool PyramidRun<Dim>::report() {
   now_.fraction = meter_.fraction();
-  now_.seconds_left =
-      now_.fraction > 0.01 ? (seconds_before_ + whole_.seconds()) * (1 - now_.fraction) / now_.fraction : -1;
+  // By the speed of this round as soon as it has one: a site costs more where first orders take part.
+  if (round_work_ >= 2.0 * static_cast<double>(images_.lattice.sites()))
+    seconds_per_work_ = round_watch_.seconds() / round_work_;
+  now_.seconds_left = seconds_per_work_ > 0 ? seconds_per_work_ * meter_.left() : -1;
   return !progress_ || progress_(now_) == ProgressAnswer::Continue;
 }
 
@@ -291,6 +305,7 @@ bool PyramidRun<Dim>::accept(const MinimiseStep& taken) {
                               parts.similarity, parts.regularisation, taken.sparsity, taken.step, taken.optimality});
   now_.iteration = level_.iterations + taken.iteration;
   now_.energy = taken.energy;
+  expect_of_level();
   now_.similarity = parts.similarity;
   if (checkpointing_.offer) {
     now_.fraction = meter_.fraction();
@@ -299,10 +314,25 @@ bool PyramidRun<Dim>::accept(const MinimiseStep& taken) {
   return report();
 }
 
+/// Where first orders are to be asked for, the rounds with them are expected only when they are let in.
+template <int Dim>
+void PyramidRun<Dim>::expect_of_level() {
+  const bool is_alone = decides_ && level_.rounds == 1;
+  const auto rounds_left = is_alone ? 0.0 : static_cast<double>(rounds_.size()) - level_.rounds;
+  // Blocks that join may keep an energy going that had settled.
+  const bool may_join = rounds_[static_cast<std::size_t>(level_.rounds) - 1].lets_blocks_join && objective_->has_more();
+  const double least = may_join ? std::min(5, how_.max_iterations - reached_.minimiser.iterations()) : 0;
+  const double evaluations = std::max(least, expected_iterations_left(reached_.minimiser.energies, how_)) +
+                             rounds_left * std::min(usual_iterations, how_.max_iterations);
+  meter_.expect(step_, evaluations * static_cast<double>(images_.lattice.sites()));
+}
+
 template <int Dim>
 void PyramidRun<Dim>::count_work(double share) {
   if (share < counted_) counted_ = 0;
-  meter_.add(step_, (share - counted_) * static_cast<double>(images_.lattice.sites()));
+  const double work = (share - counted_) * static_cast<double>(images_.lattice.sites());
+  meter_.add(step_, work);
+  round_work_ += work;
   counted_ = share;
   if (!report()) throw StopRequested{};
 }

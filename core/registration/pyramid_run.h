@@ -51,6 +51,8 @@ class PyramidRun {
   void run_rounds();
   void end_level();
   bool is_smooth(const SparsityRound& round) const;
+  bool has_first_at(int level) const;
+  double planned_work(int level, bool lets_in) const;
   void make_objective(const SparsityRound& round);
   bool first_orders_are_worth_it();
   void begin_round(std::size_t round);
@@ -58,6 +60,7 @@ class PyramidRun {
   void count_round();
   bool report();
   bool accept(const MinimiseStep& taken);
+  void expect_of_level();
   void count_work(double share);
   std::string make_checkpoint();
   void count_level_time(LevelSummary& at) const;
@@ -89,7 +92,10 @@ class PyramidRun {
   Progress now_;
   std::unique_ptr<Stopwatch> watch_;
   double level_seconds_before_ = 0, level_cpu_seconds_before_ = 0;
-  double counted_ = 0;  ///< share of the evaluation at hand that the meter has
+  Stopwatch round_watch_;
+  double round_work_ = 0;        ///< since the round began, in the meter's unit
+  double seconds_per_work_ = 0;  ///< 0 while unknown
+  double counted_ = 0;           ///< share of the evaluation at hand that the meter has
 };
 
 }  // namespace saltus

@@ -180,8 +180,7 @@ class Run {
     report.options = &options_;
     report.fixed_points = inputs_.landmarks.fixed;
     report.moving_points = inputs_.landmarks.moving;
-    report.title =
-        to_string(options_.model) + ", " + to_string(options_.similarity) + ", " + to_string(options_.preset);
+    report.title = "Registration report";
     report.peak_memory_bytes = peak_memory_bytes();
     report.program = "saltus " SALTUS_VERSION;
     report.digests = task_.digests;

@@ -1,5 +1,7 @@
 #include "server/worker/report/analysis.h"
 
+#include <algorithm>
+
 namespace saltus::report {
 
 template <int Dim>
@@ -10,6 +12,9 @@ Analysis<Dim> analyse(const ReportInput<Dim>& input) {
   found.displacement = measure_displacement(result.displacement);
   found.jacobian = jacobian_statistics(result.jacobian);
   found.interface = detect_interface(result.displacement);
+  found.may_slide = result.summary.active_first_order_share > 0 &&
+                    std::any_of(result.momenta.begin(), result.momenta.end(),
+                                [](const MomentumField<Dim>& field) { return field.axis >= 0; });
   found.folded = count_folded(result.jacobian, found.interface);
   found.share_beyond_moving = share_carried_beyond(result.displacement, input.input->moving.grid);
   return found;

@@ -18,6 +18,9 @@ struct Analysis {
   DisplacementMeasures displacement;
   JacobianStatistics jacobian;
   DetectedInterface<Dim> interface;
+  /// Whether first-order momenta take part. Without them the motion is smooth, and what `interface` holds is change
+  /// that the voxels are too coarse to tell from a jump.
+  bool may_slide = false;
   FoldedVoxels folded;
   double share_beyond_moving = 0;  ///< of the fixed voxels whose x + u(x) lies outside the moving image
 };

@@ -147,7 +147,8 @@ class Figures {
   }
 
   std::string sliding_section() const {
-    return "<section><h2>Where it slides</h2>\n" + interface_part() + momenta_part() + "</section>\n";
+    return std::string("<section><h2>") + (analysis_.may_slide ? "Where it slides" : "Where it changes most") +
+           "</h2>\n" + interface_part() + momenta_part() + "</section>\n";
   }
 
   std::string interface_part() const {
@@ -158,7 +159,7 @@ class Figures {
              " between neighbouring voxels, the least that is looked for: the motion that was found is smooth.</p>\n";
     const double most = found.slip_mm.p90 > 0 ? found.slip_mm.p90 : found.slip_mm.max;
     const std::string picture = panels_.figure(
-        "Tangential jump",
+        analysis_.may_slide ? "Tangential jump" : "Tangential change",
         "of u across the interface that was found in it; faint squares: the interface lies in the slice",
         [&](const SlicePlane<Dim>& plane) {
           return Panels<Dim>::image(plane, pictures_.fixed(plane), "Tangential jump") +
@@ -166,11 +167,15 @@ class Figures {
                                       interface_paths(found, input_.input->fixed.grid, plane, most));
         },
         colour_bar(interface_colour, {"0", number(most / 2), number(most) + " and more"}, "mm"));
-    return "<p>Found in the displacement alone, wherever its change between two neighbouring voxels is at least " +
-           least +
+    return std::string("<p>") +
+           (analysis_.may_slide
+                ? ""
+                : "No first-order momenta take part, so the motion is smooth: these are places where it "
+                  "changes within few voxels. ") +
+           "Found in the displacement alone, wherever its change between two neighbouring voxels is at least " + least +
            " and not explained by the slopes beside it. The jump is split into slip along the interface and opening "
            "across it.</p>\n" +
-           (Dim == 2 ? Panels<Dim>::gallery({picture, jump_table(), jump_chart()}, GalleryWidth::Shared)
+           (Dim == 2 ? "<div class=\"columns\">" + picture + "<div>" + jump_table() + jump_chart() + "</div></div>\n"
                      : Panels<Dim>::gallery({picture}, GalleryWidth::Whole) + "<div class=\"columns\">" + jump_table() +
                            jump_chart() + "</div>\n");
   }
@@ -181,8 +186,8 @@ class Figures {
       return std::vector<std::string>{
           name, number(values.mean), number(values.sd), number(values.median), number(values.p90), number(values.max)};
     };
-    return "<div><p>" + number(found.extent) + (Dim == 2 ? " mm" : " mm\u00b2") + " of interface, " +
-           std::to_string(found.faces.size()) + " faces between voxels.</p>" +
+    return "<div><p>" + extent_text(found) + " of interface, " + std::to_string(found.faces.size()) +
+           " faces between voxels.</p>" +
            table({"mm", "mean", "sd", "median", "90 %", "max"},
                  {row("slip, tangential", found.slip_mm), row("opening or closing, normal", found.gap_mm)}) +
            "</div>";
@@ -220,16 +225,22 @@ class Figures {
         "there is none. Order 0 moves smoothly; a first-order momentum along an axis lets the velocity jump across "
         "planes that the axis is normal to.</p>";
     std::vector<std::string> figures;
+    std::string empty;
     for (std::size_t i = 0; i < momenta.size(); ++i) {
       const MomentumField<Dim>& field = momenta[i];
       const std::string order = field.axis < 0 ? "Order 0" : std::string("Order 1, axis ") + "xyz"[field.axis];
+      if (active_share(field.vectors) == 0) {
+        empty += (empty.empty() ? "" : "; ") + order + ", width " + number(field.width_mm) + " mm";
+        continue;
+      }
       figures.push_back(small_panels_.figure(
           order, field.kernel + " kernel, width " + number(field.width_mm) + " mm",
           [&](const SlicePlane<Dim>& plane) { return Panels<Dim>::image(plane, pictures_.momentum(plane, i), order); },
           colour_bar([](double t) { return heat(0.35 + 0.65 * t); },
                      {"0", number(pictures_.momentum_range(i) / 2), number(pictures_.momentum_range(i))}, "")));
     }
-    return html + Panels<Dim>::gallery(figures, GalleryWidth::Shared);
+    if (!empty.empty()) empty = "<p>Without a momentum anywhere: " + empty + ".</p>\n";
+    return html + Panels<Dim>::gallery(figures, GalleryWidth::Shared) + empty;
   }
 
   /// Says which slices are shown and why.
@@ -238,7 +249,8 @@ class Figures {
     std::ostringstream text;
     text << "<p>Slices "
          << (analysis_.interface.strongest
-                 ? "through the point of the largest tangential jump (summed over the faces around it)"
+                 ? "through the point of the largest tangential " +
+                       std::string(analysis_.may_slide ? "jump" : "change") + " (summed over the faces around it)"
                  : "where u varies most from place to place (largest sum of |gradient of u| over the slice)")
          << ": voxel ";
     const Vector<Dim>& position = panels_.planes().front().position;

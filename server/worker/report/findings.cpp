@@ -29,8 +29,11 @@ Finding landmark_finding(const std::optional<LandmarkMeasures>& landmarks) {
   for (std::size_t i = 0; i < landmarks->after.size(); ++i) worse += landmarks->after[i] > landmarks->before[i];
   const std::string text = "The mean landmark error went from " + number(before.mean) + " to " + number(after.mean) +
                            " mm (" + plural(after.n, "landmark") + ", 90 % below " + number(after.p90) +
-                           " mm, largest " + number(after.max) + " mm); " + plural(worse, "landmark") + " of these " +
-                           (worse == 1 ? "is" : "are") + " farther off than before.";
+                           " mm, largest " + number(after.max) + " mm); " +
+                           (worse == 0   ? "none of these is"
+                            : worse == 1 ? "1 landmark of these is"
+                                         : std::to_string(worse) + " landmarks of these are") +
+                           " farther off than before.";
   if (after.mean < before.mean) return {2 * worse > after.n ? Verdict::Look : Verdict::Good, text};
   return {Verdict::Bad,
           text +
@@ -63,20 +66,20 @@ Finding fold_finding(const Analysis<Dim>& analysis) {
                             "coarser start holds it back."};
 }
 
-/// "12.3 cm²", "48 mm".
 template <int Dim>
-std::string extent_text(double extent_mm) {
-  if (Dim == 2) return number(extent_mm) + " mm";
-  return extent_mm >= 100 ? number(extent_mm / 100) + " cm\u00b2" : number(extent_mm) + " mm\u00b2";
-}
-
-template <int Dim>
-Finding interface_finding(const DetectedInterface<Dim>& interface) {
+Finding interface_finding(const ReportInput<Dim>& input, const Analysis<Dim>& analysis) {
+  const DetectedInterface<Dim>& interface = analysis.interface;
   if (interface.faces.empty())
     return {Verdict::Good, "The motion found is smooth: nowhere does it jump by " + number(interface.threshold_mm) +
                                " mm between neighbouring voxels."};
+  if (!analysis.may_slide)
+    return {Verdict::Look,
+            "The motion found is smooth, since no first-order momenta take part" +
+                std::string(input.options->model == Model::Auto ? " (auto found that they gain too little)" : "") +
+                ", but along " + extent_text(interface) + " it changes by " + number(interface.slip_mm.median) +
+                " mm (median) from voxel to voxel. Where tissue slides there, --model sliding lets it."};
   const Statistics &slip = interface.slip_mm, &gap = interface.gap_mm;
-  const std::string text = "The motion slides along " + extent_text<Dim>(interface.extent) + " of interface, by " +
+  const std::string text = "The motion slides along " + extent_text(interface) + " of interface, by " +
                            number(slip.median) + " mm (median; 90 % below " + number(slip.p90) + ", largest " +
                            number(slip.max) + " mm)";
   const std::string opening = number(gap.median) + " mm";
@@ -124,7 +127,7 @@ std::vector<Finding> findings(const ReportInput<Dim>& input, const Analysis<Dim>
   all.push_back(landmark_finding(analysis.landmarks));
   all.push_back(similarity_finding(summary));
   all.push_back(fold_finding(analysis));
-  all.push_back(interface_finding(analysis.interface));
+  all.push_back(interface_finding(input, analysis));
   if (analysis.share_beyond_moving > much_beyond)
     all.push_back({Verdict::Look, percentage(analysis.share_beyond_moving) +
                                       " of the fixed image lies beyond the moving image after the motion; there the "

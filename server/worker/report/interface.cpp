@@ -1,5 +1,7 @@
 #include "server/worker/report/interface.h"
 
+#include "core/drawing/markup.h"
+
 #include <Eigen/Eigenvalues>
 
 #include <algorithm>
@@ -222,6 +224,15 @@ DetectedInterface<Dim> detect_interface(const VectorVolume<Dim>& displacement) {
   return Detector<Dim>(displacement)();
 }
 
+template <int Dim>
+std::string extent_text(const DetectedInterface<Dim>& interface) {
+  if (Dim == 2) return drawing::number(interface.extent) + " mm";
+  return interface.extent >= 100 ? drawing::number(interface.extent / 100) + " cm\u00b2"
+                                 : drawing::number(interface.extent) + " mm\u00b2";
+}
+
+template std::string extent_text(const DetectedInterface<2>&);
+template std::string extent_text(const DetectedInterface<3>&);
 template struct InterfaceFace<2>;
 template struct InterfaceFace<3>;
 template DetectedInterface<2> detect_interface(const VectorVolume<2>&);

@@ -4,6 +4,7 @@
 #include "core/grid/volume.h"
 
 #include <optional>
+#include <string>
 #include <vector>
 
 namespace saltus::report {
@@ -31,6 +32,10 @@ struct DetectedInterface {
   Statistics slip_mm, gap_mm;            ///< over the faces: slip_mm and |opening_mm|
   std::optional<Vector<Dim>> strongest;  ///< continuous index of the face whose surroundings slip most, one way
 };
+
+/// "12.3 cm²" or, in 2-D, "48 mm".
+template <int Dim>
+std::string extent_text(const DetectedInterface<Dim>& interface);
 
 /// Finds where a displacement jumps between neighbouring voxels, from the field alone: a face counts when the change of
 /// u across it is not explained by the slopes on its two sides, and is the largest along its axis. The jump is the

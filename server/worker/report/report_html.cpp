@@ -59,7 +59,8 @@ std::string cards(const ReportInput<Dim>& input, const Analysis<Dim>& analysis) 
   html += card("Displacement, largest", number(displacement.max_mm) + " mm",
                "mean " + number(displacement.mean_mm) + " mm");
   if (const DetectedInterface<Dim>& interface = analysis.interface; !interface.faces.empty())
-    html += card("Slip across the interface", number(interface.slip_mm.median) + " mm",
+    html += card(analysis.may_slide ? "Slip across the interface" : "Steepest change, smooth",
+                 number(interface.slip_mm.median) + " mm",
                  "median; 90 % below " + number(interface.slip_mm.p90) + " mm, largest " +
                      number(interface.slip_mm.max) + " mm");
   const JacobianStatistics& jacobian = analysis.jacobian;
@@ -67,12 +68,11 @@ std::string cards(const ReportInput<Dim>& input, const Analysis<Dim>& analysis) 
       card("Folded voxels (J \u2264 0)", percentage(jacobian.share_not_positive),
            "J from " + number(jacobian.min) + " to " + number(jacobian.max) + ", sd log J " + number(jacobian.sd_log));
   html +=
-      card("Inverse consistency", number(summary.inverse_consistency_mm) + " mm",
+      card("Inverse consistency",
+           (summary.inverse_consistency_mm < 0.001 ? "< 0.001" : number(summary.inverse_consistency_mm)) + " mm",
            summary.hamiltonian_drift >= 0 ? "median; drift of the Hamiltonian " + percentage(summary.hamiltonian_drift)
                                           : "median over the moving image");
-  const bool has_first_order = std::any_of(input.result->momenta.begin(), input.result->momenta.end(),
-                                           [](const MomentumField<Dim>& field) { return field.axis >= 0; });
-  if (has_first_order)
+  if (analysis.may_slide)
     html += card("Active first-order sites", percentage(summary.active_first_order_share),
                  "share of the sites whose momentum is not zero");
   html += card("Time", number(summary.seconds) + " s",

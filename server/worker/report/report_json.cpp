@@ -55,8 +55,8 @@ Json describe(const Statistics& statistics) {
 }
 
 template <int Dim>
-Json describe(const DetectedInterface<Dim>& interface) {
-  Json json{{"faces", interface.faces.size()}, {"threshold_mm", interface.threshold_mm}};
+Json describe(const DetectedInterface<Dim>& interface, bool may_slide) {
+  Json json{{"faces", interface.faces.size()}, {"threshold_mm", interface.threshold_mm}, {"may_slide", may_slide}};
   json[Dim == 2 ? "length_mm" : "area_mm2"] = interface.extent;
   if (interface.faces.empty()) return json;
   json["slip_mm"] = describe(interface.slip_mm);
@@ -154,7 +154,7 @@ std::string report_json(const ReportInput<Dim>& input) {
                       {"share_not_positive", jacobian.share_not_positive},
                       {"sd_log", jacobian.sd_log}};
   json["folded_voxels"] = {{"n", analysis.folded.n}, {"off_interface", analysis.folded.off_interface}};
-  json["interface"] = describe(analysis.interface);
+  json["interface"] = describe(analysis.interface, analysis.may_slide);
   json["share_beyond_moving"] = analysis.share_beyond_moving;
   json["findings"] = Json::array();
   for (const Finding& finding : findings(input, analysis))

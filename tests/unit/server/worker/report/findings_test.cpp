@@ -28,6 +28,7 @@ TEST(Findings, TellThatLandmarksGotWorse) {
   ReportScene<2> scene(3);
   scene.add_landmark({2, 5}, 0.5);
   EXPECT_THAT(findings_of(scene), Contains(finding(Verdict::Good, "from 3.04 to 0.5 mm")));
+  EXPECT_THAT(findings_of(scene), Contains(finding(Verdict::Good, "none of these is farther off")));
   // Given in the wrong order: where u leads to from the moving point is twice as far off.
   std::swap(scene.report.fixed_points, scene.report.moving_points);
   EXPECT_THAT(findings_of(scene), Contains(finding(Verdict::Bad, "1 landmark of these is farther off")));
@@ -53,6 +54,20 @@ TEST(Findings, MeasureTheSlip) {
   EXPECT_NEAR(analysis.interface.extent, 16 * 2, 1e-9);
   EXPECT_THAT(findings_of(scene), Contains(finding(Verdict::Good, "slides along 32 mm of interface, by 6 mm")));
   EXPECT_THAT(findings_of(ReportScene<2>(0)), Contains(finding(Verdict::Good, "smooth")));
+}
+
+TEST(Findings, CallNothingASlideThatHasNoFirstOrderMomenta) {
+  ReportScene<2> scene(3);
+  scene.result.momenta.pop_back();  // order 0 is left
+  EXPECT_FALSE(analyse(scene.report).may_slide);
+  const auto smooth = finding(Verdict::Look, "smooth, since no first-order momenta take part, but along 32 mm");
+  EXPECT_THAT(findings_of(scene), AllOf(Contains(smooth), Not(Contains(Field(&Finding::text, HasSubstr("The motion slides"))))));
+  scene.options.model = Model::Auto;
+  EXPECT_THAT(findings_of(scene), Contains(finding(Verdict::Look, "auto found that they gain too little")));
+  ReportScene<2> unused(3);
+  EXPECT_TRUE(analyse(unused.report).may_slide);
+  unused.result.summary.active_first_order_share = 0;
+  EXPECT_FALSE(analyse(unused.report).may_slide);
 }
 
 TEST(Findings, TellThatTheMotionLeavesTheMovingImage) {

@@ -92,6 +92,25 @@ TEST(ReportHtml, ShowsTheJumpAlongTheInterface) {
   EXPECT_THAT(report_html(ReportScene<3>(0).report), HasSubstr("the motion that was found is smooth"));
 }
 
+TEST(ReportHtml, DoesNotCallSteepSmoothMotionASlide) {
+  ReportScene<3> scene(3);
+  scene.result.momenta.pop_back();  // order 0 is left
+  const std::string html = report_html(scene.report);
+  EXPECT_THAT(html, testing::AllOf(HasSubstr("Where it changes most"), HasSubstr("Steepest change, smooth"),
+                                   HasSubstr("Tangential change"), Not(HasSubstr("Where it slides"))));
+}
+
+TEST(ReportHtml, NamesMomentaThatAreZeroEverywhereWithoutAPicture) {
+  const std::string html = report_html(ReportScene<2>(3).report);
+  EXPECT_THAT(html, HasSubstr("Without a momentum anywhere: Order 1, axis x, width 4 mm."));
+  EXPECT_EQ(count(html, "alt=\"Order 1"), 0u);
+}
+
+// Interface between x = 5 and 6, all along y.
+TEST(ReportHtml, BeginsItsViewerWhereTheJumpIs) {
+  EXPECT_THAT(report_html(ReportScene<2>(3).report), testing::ContainsRegex("start&quot;:.5,[1-9]"));
+}
+
 TEST(ReportHtml, StaysSmallWhenTheImagesAreLargeAndFullOfNoise) {
   ReportScene<3> scene(3, {160, 140, 120});
   std::mt19937 random(3);
