@@ -1,5 +1,6 @@
-# cmake --install: the programs, the manual page, shell completion, and two libraries for find_package(saltus):
-# saltus::core (the numerics; needs Eigen and OpenMP) and saltus::client (the service; needs gRPC).
+# cmake --install: the programs, the manual page, shell completion, and three libraries for find_package(saltus):
+# saltus::core (the numerics; needs Eigen and OpenMP), saltus::image_io (image files; needs ITK) and saltus::client (the
+# service; needs gRPC).
 include(GNUInstallDirs)
 include(CMakePackageConfigHelpers)
 
@@ -7,6 +8,7 @@ set(headers ${CMAKE_INSTALL_INCLUDEDIR}/saltus)
 set(package ${CMAKE_INSTALL_LIBDIR}/cmake/saltus)
 
 set_target_properties(saltus_core PROPERTIES EXPORT_NAME core)
+set_target_properties(saltus_image_io PROPERTIES EXPORT_NAME image_io)
 set_target_properties(saltus_client PROPERTIES EXPORT_NAME client)
 set_target_properties(saltus_proto PROPERTIES EXPORT_NAME proto)
 # The components are those of the packages, see package.cmake.
@@ -14,12 +16,14 @@ install(TARGETS saltus COMPONENT client)
 install(TARGETS saltusd COMPONENT server)
 install(TARGETS saltus-worker COMPONENT worker)
 install(TARGETS saltus_core project_options EXPORT saltus-core COMPONENT development INCLUDES DESTINATION ${headers})
+install(TARGETS saltus_image_io EXPORT saltus-image_io COMPONENT development INCLUDES DESTINATION ${headers})
 install(TARGETS saltus_client saltus_proto EXPORT saltus-client COMPONENT development INCLUDES DESTINATION ${headers})
 install(EXPORT saltus-core NAMESPACE saltus:: DESTINATION ${package} COMPONENT development)
+install(EXPORT saltus-image_io NAMESPACE saltus:: DESTINATION ${package} COMPONENT development)
 install(EXPORT saltus-client NAMESPACE saltus:: DESTINATION ${package} COMPONENT development)
 
 # Sources include by their place in the repository, and so do those who use the libraries.
-install(DIRECTORY core DESTINATION ${headers} COMPONENT development FILES_MATCHING PATTERN "*.h" PATTERN "image_io" EXCLUDE
+install(DIRECTORY core DESTINATION ${headers} COMPONENT development FILES_MATCHING PATTERN "*.h"
   PATTERN "drawing" EXCLUDE)
 install(DIRECTORY client/lib DESTINATION ${headers}/client COMPONENT development FILES_MATCHING PATTERN "*.h")
 install(DIRECTORY ${PROJECT_BINARY_DIR}/proto/saltus DESTINATION ${headers} COMPONENT development
@@ -27,6 +31,8 @@ install(DIRECTORY ${PROJECT_BINARY_DIR}/proto/saltus DESTINATION ${headers} COMP
 install(DIRECTORY proto/saltus DESTINATION ${CMAKE_INSTALL_DATADIR}/saltus/proto COMPONENT development
   FILES_MATCHING PATTERN "*.proto")
 
+get_target_property(saltus_itk_modules saltus_image_io ITK_MODULES)
+list(JOIN saltus_itk_modules " " saltus_itk_modules)
 configure_package_config_file(deploy/saltus-config.cmake.in ${PROJECT_BINARY_DIR}/saltus-config.cmake
   INSTALL_DESTINATION ${package})
 write_basic_package_version_file(${PROJECT_BINARY_DIR}/saltus-config-version.cmake COMPATIBILITY SameMinorVersion)

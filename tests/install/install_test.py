@@ -1,6 +1,7 @@
 """Installs into an empty folder, builds the examples against it as a stranger would, and runs them with a daemon."""
 
 import argparse
+import json
 import os
 import subprocess
 import sys
@@ -34,6 +35,15 @@ with tempfile.TemporaryDirectory() as folder:
     assert "error 0." in told, told
 
     saltus = os.path.join(prefix, "bin/saltus")
+    volumes, result = os.path.join(folder, "volumes"), os.path.join(folder, "from_files")
+    run(saltus, "phantom", "smooth", "--size", "40,40,32", "--displacement", "3", "--out", volumes)
+    told = run(os.path.join(there, "register_files"), os.path.join(volumes, "fixed.mha"),
+               os.path.join(volumes, "moving.mha"), result)
+    before, after = (float(number) for number in told.split(",")[0].removeprefix("dissimilarity ").split(" -> "))
+    assert after < 0.7 * before, told
+    scored = json.loads(run(saltus, "evaluate", "--transform", os.path.join(result, "displacement.nii.gz"), "--truth",
+                            os.path.join(volumes, "truth.mha"), "--json"))
+    assert scored["epe_mm"]["mean"] < 0.7 * scored["epe_before_mm"]["mean"], scored
     run(saltus, "phantom", "slip", "--size", "48,48", "--out", os.path.join(folder, "pair"))
     daemon = subprocess.Popen(
         [os.path.join(prefix, "bin/saltusd"), "--data", os.path.join(folder, "data"), "--log-level", "error"],
