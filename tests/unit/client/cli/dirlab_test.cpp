@@ -118,6 +118,43 @@ TEST_F(Dirlab, ProvesTheCoordinatesBeforeAnythingElse) {
   EXPECT_THAT(error, HasSubstr("256x256x94 voxels of two bytes"));
 }
 
+// Names as the ten packs have them; the errors by hand: 5 mm along z for the first landmark, 4 voxels along x for the
+// second, which is the last voxel of its case: 256 and 512 are not taken for each other.
+TEST_F(Dirlab, ProvesAllTenPacks) {
+  std::string expected;
+  for (const DirlabCase& about : dirlab_cases()) {
+    const std::string number = std::to_string(about.number);
+    const std::string suffix = about.number == 1 ? "_s.img" : about.number <= 5 ? "-ssm.img" : ".img";
+    const std::string landmarks = about.number <= 5 ? "Case" + number + "_300_" : "case" + number + "_dirLab300_";
+    const std::string pack = "Case" + number + (about.number == 8 ? "Deploy" : "Pack");
+    make_pack(about.number, pack, suffix, landmarks);
+    const auto points = folder / pack / "ExtremePhases" / landmarks;
+    const auto [x, y, z] = about.size;
+    std::ofstream(points.string() + "T00_xyz.txt") << "1 1 1\n" << x << ' ' << y << ' ' << z << '\n';
+    std::ofstream(points.string() + "T50_xyz.txt") << "1 1 3\n" << x - 4 << ' ' << y << ' ' << z << '\n';
+    expected += (expected.empty() ? "" : ",") + std::to_string((5 + 4 * about.spacing[0]) / 2);
+  }
+  EXPECT_EQ(run({"dirlab", "--root", folder.path(), "--only-check", "--initial-errors", expected}), Done) << error;
+  EXPECT_THAT(error, HasSubstr("case10: 2 landmarks, before registration 4.44 mm"));
+  EXPECT_EQ(run({"dirlab", "--root", folder.path(), "--only-check"}), Usage);
+  EXPECT_THAT(error, testing::AllOf(HasSubstr("case01: 2 landmarks, before registration 4.44 mm (expected 3.89)"),
+                                    HasSubstr("case10: 2 landmarks, before registration 4.44 mm (expected 7.30)")));
+}
+
+TEST_F(Dirlab, ReadsAVolumeOfTheLargeLayout) {
+  const DirlabCase& about = dirlab_cases()[6];  // 512x512x136
+  const auto file = folder.write("case7_T00.img", "");
+  std::filesystem::resize_file(file, 2 * std::uintmax_t{512} * 512 * 136);
+  std::fstream image(file, std::ios::in | std::ios::out | std::ios::binary);
+  image.seekp(2 * ((135l * 512 + 510) * 512 + 3));
+  image.write("\x34\x02", 2);
+  image.close();
+  const Volume<3> read = read_dirlab_image(file, about);
+  EXPECT_EQ(read.samples[(135u * 512 + 510) * 512 + 3], 0x234);
+  EXPECT_EQ(read.grid.to_world({3, 510, 135}), Vector<3>(3 * 0.97, 510 * 0.97, 135 * 2.5));
+  EXPECT_THROW(read_dirlab_image(file, dirlab_cases()[5]), FileError);  // of case 6, which has fewer slices
+}
+
 TEST_F(Dirlab, SnapsToTheNearestVoxel) {
   ImageGrid<3> grid;
   grid.size = {10, 10, 10};
