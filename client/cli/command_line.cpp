@@ -1,6 +1,7 @@
 #include "client/cli/command_line.h"
 
 #include "client/cli/cancel_command.h"
+#include "client/cli/closest_word.h"
 #include "client/cli/command.h"
 #include "client/cli/command_tree.h"
 #include "client/cli/delete_command.h"
@@ -50,6 +51,35 @@ ExitCode exit_code_of(const client::ClientError& error) {
   }
 }
 
+/// The command whose options were being read.
+const CLI::App& command_at_hand(const CLI::App& app) {
+  const std::vector<CLI::App*> chosen = app.get_subcommands();
+  return chosen.empty() ? app : command_at_hand(*chosen.back());
+}
+
+/// "saltus: what is wrong", and where there is more.
+std::string failure_text(const CLI::App* app, const CLI::Error& error) {
+  std::string name;
+  for (const CLI::App* at = &command_at_hand(*app); at; at = at->get_parent()) name = at->get_name() + ' ' + name;
+  return std::string("saltus: ") + error.what() + "\n" + name + "--help tells what there is.\n";
+}
+
+/// For each word that nobody expected: what may have been meant.
+std::string suggestions(const CLI::App& app) {
+  const CLI::App& command = command_at_hand(app);
+  std::vector<std::string> options, commands;
+  for (const CLI::Option* option : command.get_options())
+    for (const std::string& name : option->get_lnames()) options.push_back("--" + name);
+  for (const CLI::App* one : command.get_subcommands({})) commands.push_back(one->get_name());
+  std::string text;
+  for (const std::string& word : app.remaining(true)) {
+    const std::string typed = word.substr(0, word.find('='));
+    if (const std::string meant = closest_word(typed, typed.starts_with("--") ? options : commands); !meant.empty())
+      text += "Did you mean " + meant + "?\n";
+  }
+  return text;
+}
+
 /// Options from a file and from the environment, for what the command line leaves open.
 void use_settings(CLI::App& app, int argument_count, const char* const* arguments) {
   const char* const file = std::getenv("SALTUS_CONFIG");
@@ -71,6 +101,7 @@ int run_command_line(int argument_count, const char* const* arguments) {
   CLI::App app{"Image registration for motion that slides", "saltus"};
   app.set_version_flag("--version", "saltus " SALTUS_VERSION);
   app.require_subcommand(1);
+  app.failure_message(failure_text);
   add_register_command(app, exit_code);
   add_submit_command(app, exit_code);
   add_watch_command(app, exit_code);
@@ -102,10 +133,13 @@ int run_command_line(int argument_count, const char* const* arguments) {
     return exit_code;
   } catch (const CLI::ExtrasError& error) {
     app.exit(error);
-    std::cerr << "What a command works on is named by options, such as --fixed A --moving B --out DIR." << std::endl;
+    std::cerr << suggestions(app)
+              << "What a command works on is named by options, such as --fixed A --moving B --out DIR." << std::endl;
     return Usage;
   } catch (const CLI::ParseError& error) {
-    return app.exit(error) == 0 ? Done : Usage;
+    if (app.exit(error) == 0) return Done;  // help was asked for
+    std::cerr << suggestions(app) << std::flush;
+    return Usage;
   } catch (const InvalidInput& error) {
     return fail(Usage, error.what());
   } catch (const client::ClientError& error) {

@@ -106,7 +106,7 @@ std::string spacing_suspicion(const ImageGrid<Dim>& fixed, const ImageGrid<Dim>&
   if (std::max(ratio, 1 / ratio) < much_larger * (1 - 1e-9)) return "";
   return "The voxels of the fixed image are " + spacing_text(fixed) + " and those of the moving image " +
          spacing_text(moving) +
-         ", more than ten times apart; is the spacing of one of them in cm, in m or not set? Correct its header.";
+         ", ten times apart or more; is the spacing of one of them in cm, in m or not set? Correct its header.";
 }
 
 template <int Dim>
@@ -143,10 +143,12 @@ void check_inputs(const JobOptions& options) {
   require_valid(options.points_format);
   try {
     const int fixed = image_dimension(options.fixed), moving = image_dimension(options.moving);
-    if (fixed == moving) fixed == 2 ? check<2>(options) : check<3>(options);
+    if (fixed != moving)
+      throw InvalidInput("--fixed has " + std::to_string(fixed) + " dimensions and --moving " + std::to_string(moving) +
+                         "; both must have the same");
+    fixed == 2 ? check<2>(options) : check<3>(options);
   } catch (const FileError&) {
-    // What cannot be read is refused by the worker, which reads everything and has a reason for each case. So are
-    // images of different dimensions.
+    // What cannot be read is refused by the worker, which reads everything and has a reason for each case.
   }
 }
 

@@ -1,4 +1,5 @@
 
+#include "client/cli/closest_word.h"
 #include "client/cli/command.h"
 #include "tests/support/captured_command_line.h"
 
@@ -56,6 +57,17 @@ TEST_F(CommandLine, RefusesWhatItDoesNotKnow) {
   EXPECT_EQ(run({"regsiter"}).exit_code, Usage);
   EXPECT_EQ(run({"get"}).exit_code, Usage);
   EXPECT_EQ(run({"get", "id", "--jsn"}).exit_code, Usage);
+}
+
+TEST_F(CommandLine, SaysWhatWasMeant) {
+  EXPECT_THAT(run({"regsiter"}).err, HasSubstr("Did you mean register?"));
+  const std::string text = run({"register", "--fixd", "a.mha", "--modle=sliding"}).err;
+  EXPECT_THAT(text, testing::AllOf(testing::StartsWith("saltus: "), HasSubstr("Did you mean --fixed?"),
+                                   HasSubstr("Did you mean --model?"), HasSubstr("saltus register --help")));
+  EXPECT_THAT(run({"register", "--nonsense", "1"}).err, testing::Not(HasSubstr("Did you mean")));
+  EXPECT_THAT(run({"server", "inof"}).err, HasSubstr("Did you mean info?"));
+  EXPECT_EQ(closest_word("--out", {"--in", "--out"}), "--out");
+  EXPECT_EQ(closest_word("-x", {"--in", "--out"}), "");
 }
 
 TEST_F(CommandLine, AsksForAServerWhereItNeedsOne) {

@@ -105,6 +105,13 @@ TEST_F(JobCheck, TakesVoxelsOfEachImage) {
   EXPECT_THAT(refusal(), HasSubstr("voxel indices have no world axes"));
 }
 
+TEST_F(JobCheck, RefusesImagesOfDifferentDimensions) {
+  ImageGrid<2> flat;
+  flat.size = {8, 8};
+  write_volume(folder / "moving.mha", Volume<2>(flat, 1));
+  EXPECT_THAT(refusal(), HasSubstr("--fixed has 3 dimensions and --moving 2"));
+}
+
 TEST_F(JobCheck, AllowsImagesApartWithAnAffineStart) {
   write_volume(folder / "moving.mha", Volume<3>(grid({-900, 200, 300}), 1));
   EXPECT_THAT(refusal(), HasSubstr("hardly lie in the same place"));
