@@ -33,7 +33,10 @@ std::vector<std::string> choices_of(const std::string& option) {
       {"--interpolation", names(std::vector{Interpolation::Linear, Interpolation::Nearest, Interpolation::BSpline})},
       {"--points-space", {"lps", "ras"}},
       {"--points-unit", {"mm", "voxel"}},
-      {"--allow", {"spacing", "overlap", "points"}}};
+      {"--allow", {"spacing", "overlap", "points"}},
+      {"--interface", {"line", "circle"}},
+      {"kind", {"rectangle", "wheel", "slip", "thorax", "smooth"}},
+      {"shell", {"bash", "zsh", "fish"}}};
   const auto found = choices.find(option);
   return found == choices.end() ? std::vector<std::string>{} : found->second;
 }
@@ -43,12 +46,13 @@ OptionInfo describe(const CLI::Option& option) {
   info.is_positional = option.get_positional();
   if (info.is_positional) {
     info.names = {option.get_name(true)};
+    info.choices = choices_of(info.names.back());
   } else {
     for (const std::string& name : option.get_snames()) info.names.push_back("-" + name);
     for (const std::string& name : option.get_lnames()) info.names.push_back("--" + name);
     if (!info.names.empty()) info.choices = choices_of(info.names.back());
   }
-  if (option.get_type_size() != 0) {
+  if (option.get_items_expected_max() != 0) {  // a flag expects none
     // Checks put themselves behind the name: "IMAGE:FILE".
     const std::string type = option.get_type_name();
     info.value = type.empty() ? "VALUE" : type.substr(0, type.find(':'));
@@ -65,7 +69,8 @@ OptionInfo describe(const CLI::Option& option) {
 void collect(const CLI::App& app, std::vector<std::string> path, std::vector<CommandInfo>& all) {
   const auto below = app.get_subcommands({});
   if (!path.empty() && below.empty()) {
-    CommandInfo command{path, app.get_description(), app.get_footer(), {}};
+    CommandInfo command{path, app.get_description(), app.get_footer(), "", {}};
+    if (path.size() > 1) command.group = app.get_parent()->get_description();
     for (const CLI::Option* option : app.get_options({})) command.options.push_back(describe(*option));
     all.push_back(std::move(command));
   }

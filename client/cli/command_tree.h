@@ -23,6 +23,7 @@ struct OptionInfo {
 struct CommandInfo {
   std::vector<std::string> path;  ///< {"register"}, {"server", "info"}
   std::string description, footer;
+  std::string group;  ///< description of what stands above it, "" at the top: of "server" for {"server", "info"}
   std::vector<OptionInfo> options;
 };
 

@@ -176,7 +176,7 @@ struct Outcome {
   std::string why;
 };
 
-std::string quoted(const std::string& text) {
+std::string csv_quoted(const std::string& text) {
   if (text.find_first_of(",\"\n") == std::string::npos) return text;
   std::string safe = "\"";
   for (char letter : text) safe += letter == '"' ? std::string("\"\"") : std::string(1, letter);
@@ -196,12 +196,12 @@ void write_summary(const std::vector<Outcome>& outcomes, const fs::path& folder)
     if (outcome.state.empty()) continue;
     const nlohmann::json report =
         outcome.state == "done" ? read_report(folder / outcome.pair->name / "report.json") : nlohmann::json();
-    text << quoted(outcome.pair->name) << ',' << outcome.state;
+    text << csv_quoted(outcome.pair->name) << ',' << outcome.state;
     for (const char* path :
          {"/landmark_error_mm/before/mean", "/landmark_error_mm/after/mean", "/similarity_value/before",
           "/similarity_value/after", "/jacobian/min", "/jacobian/share_not_positive", "/seconds/cpu"})
       text << ',' << number_at(report, path);
-    text << ',' << quoted(outcome.why) << '\n';
+    text << ',' << csv_quoted(outcome.why) << '\n';
   }
   const fs::path file = folder / "summary.csv";
   TemporaryFile temporary(file);

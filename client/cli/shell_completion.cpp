@@ -32,8 +32,22 @@ std::vector<std::pair<std::string, std::vector<std::string>>> first_words(const 
 
 std::string first_line(const std::string& text) { return text.substr(0, text.find('\n')); }
 
+/// What a first word stands for.
+std::string description_of(const std::string& word, const std::vector<CommandInfo>& commands) {
+  for (const CommandInfo& command : commands)
+    if (command.path.front() == word) return command.path.size() > 1 ? command.group : command.description;
+  return "";
+}
+
+/// Values of the command's first argument without a dash, when they are known.
+std::vector<std::string> positional_choices(const CommandInfo& command) {
+  for (const OptionInfo& option : command.options)
+    if (option.is_positional) return option.choices;
+  return {};
+}
+
 /// Within single quotes of a POSIX shell.
-std::string quoted(const std::string& text) {
+std::string single_quoted(const std::string& text) {
   std::string safe = "'";
   for (char letter : text) safe += letter == '\'' ? std::string("'\\''") : std::string(1, letter);
   return safe + "'";
@@ -80,6 +94,7 @@ std::string bash_completion(const std::vector<CommandInfo>& commands) {
   script << "--help --version --config'\n  else\n    case \"${COMP_WORDS[1]} ${COMP_WORDS[2]} \" in\n";
   for (const CommandInfo& command : commands) {
     script << "      '" << joined(command.path) << " '*) words='";
+    script << joined(positional_choices(command)) << ' ';
     for (const OptionInfo& option : command.options)
       if (!option.is_positional) script << joined(option.names) << ' ';
     script << "' ;;\n";
@@ -107,10 +122,7 @@ std::string zsh_completion(const std::vector<CommandInfo>& commands) {
   script << "#compdef saltus\n# Completion of saltus for zsh: put it as _saltus into a folder of $fpath.\n_saltus() {\n"
             "  local -a commands\n  commands=(\n";
   for (const auto& [word, below] : first_words(commands)) {
-    std::string description = below.empty() ? "" : "administer a server";
-    for (const CommandInfo& command : commands)
-      if (command.path.size() == 1 && command.path.front() == word) description = command.description;
-    script << "    " << quoted(word + ":" + plain(description)) << '\n';
+    script << "    " << single_quoted(word + ":" + plain(description_of(word, commands))) << '\n';
   }
   script << "  )\n  if ((CURRENT == 2)); then _describe command commands; return; fi\n"
             "  local command=$words[2]\n";
@@ -120,7 +132,7 @@ std::string zsh_completion(const std::vector<CommandInfo>& commands) {
              << "; return; fi\n    command=\"$command $words[3]\"\n  fi\n";
   script << "  case $command in\n";
   for (const CommandInfo& command : commands) {
-    script << "    " << quoted(joined(command.path)) << ") _arguments \\\n";
+    script << "    " << single_quoted(joined(command.path)) << ") _arguments \\\n";
     for (const OptionInfo& option : command.options) {
       if (option.is_positional) continue;
       for (const std::string& name : option.names) {
@@ -129,9 +141,12 @@ std::string zsh_completion(const std::vector<CommandInfo>& commands) {
           text += ":" + plain(option.value) + ":(" + joined(option.choices) + ")";
         else if (!option.value.empty())
           text += ":" + plain(option.value) + ":" + (option.takes_file ? "_files" : " ");
-        script << "      " << quoted(text) << " \\\n";
+        script << "      " << single_quoted(text) << " \\\n";
       }
     }
+    if (const auto values = positional_choices(command); !values.empty())
+      script << "      " << single_quoted(std::to_string(command.path.size() + 1) + ": :(" + joined(values) + ")")
+             << " \\\n";
     script << "      '*: :_files' ;;\n";
   }
   script << "  esac\n}\n_saltus \"$@\"\n";
@@ -143,10 +158,8 @@ std::string fish_completion(const std::vector<CommandInfo>& commands) {
   script << "# Completion of saltus for fish: put it into ~/.config/fish/completions/saltus.fish\n"
             "complete -c saltus -f\n";
   for (const auto& [word, below] : first_words(commands)) {
-    std::string description;
-    for (const CommandInfo& command : commands)
-      if (command.path.size() == 1 && command.path.front() == word) description = command.description;
-    script << "complete -c saltus -n __fish_use_subcommand -a " << word << " -d " << fish_quoted(description) << '\n';
+    script << "complete -c saltus -n __fish_use_subcommand -a " << word << " -d "
+           << fish_quoted(description_of(word, commands)) << '\n';
     if (!below.empty())
       script << "complete -c saltus -n '__fish_seen_subcommand_from " << word
              << "; and not __fish_seen_subcommand_from " << joined(below) << "' -a '" << joined(below) << "'\n";
@@ -154,6 +167,9 @@ std::string fish_completion(const std::vector<CommandInfo>& commands) {
   for (const CommandInfo& command : commands) {
     std::vector<std::string> seen;
     for (const std::string& word : command.path) seen.push_back("__fish_seen_subcommand_from " + word);
+    if (const auto values = positional_choices(command); !values.empty())
+      script << "complete -c saltus -n '" << joined(seen, "; and ") << "; and not __fish_seen_subcommand_from "
+             << joined(values) << "' -a '" << joined(values) << "'\n";
     for (const OptionInfo& option : command.options) {
       if (option.is_positional) continue;
       for (const std::string& name : option.names) {

@@ -134,6 +134,12 @@ TEST_F(Settings, AreCompletedByBash) {
   EXPECT_EQ(offered(script, "saltus register --preset "), "\nfast\nbalanced\naccurate\n");
   EXPECT_THAT(offered(script, "saltus server "), AllOf(HasSubstr("\ninfo\n"), HasSubstr("\nfsck\n")));
   EXPECT_THAT(offered(script, "saltus server drain --"), AllOf(HasSubstr("\n--wait\n"), Not(HasSubstr("--model"))));
+  EXPECT_EQ(offered(script, "saltus register --json --points-sp"), "\n--points-space\n");  // a flag takes no value
+  EXPECT_EQ(offered(script, "saltus register --js"), "\n--json\n");
+  EXPECT_EQ(offered(script, "saltus register --json --mod"), "\n--model\n");
+  EXPECT_THAT(offered(script, "saltus register --json "), HasSubstr("\n--model\n"));
+  EXPECT_EQ(offered(script, "saltus phantom rec"), "\nrectangle\n");
+  EXPECT_EQ(offered(script, "saltus completion z"), "\nzsh\n");
   folder.write("fixed_of_the_test.mha", "");
   EXPECT_EQ(offered(script, "saltus register --fixed " + (folder / "fixed_of").string()),
             "\n" + (folder / "fixed_of_the_test.mha").string() + "\n");
@@ -142,7 +148,8 @@ TEST_F(Settings, AreCompletedByBash) {
 TEST_F(Settings, AreWrittenForOtherShellsInTheirGrammar) {
   const std::string zsh = run({"completion", "zsh"}).out, fish = run({"completion", "fish"}).out;
   EXPECT_THAT(zsh,
-              AllOf(HasSubstr("#compdef saltus"), HasSubstr("(gaussian wendland wendland1 directional sliding auto)")));
+              AllOf(HasSubstr("#compdef saltus"), HasSubstr("(gaussian wendland wendland1 directional sliding auto)"),
+                    HasSubstr("*--json[Print job and report as JSON]'"), HasSubstr("'study:The paper'\\''s figures")));
   EXPECT_THAT(fish, HasSubstr("-l preset -x -a 'fast balanced accurate'"));
   EXPECT_EQ(run({"completion", "csh"}).exit_code, Usage);
 }
@@ -159,6 +166,9 @@ TEST_F(Settings, AreCompletedByFish) {
   EXPECT_THAT(offered_by_fish("saltus reg"), HasSubstr("\nregister\t"));
   EXPECT_THAT(offered_by_fish("saltus register --preset "), AllOf(HasSubstr("fast"), HasSubstr("accurate")));
   EXPECT_THAT(offered_by_fish("saltus register --points-sp"), HasSubstr("--points-space"));
+  EXPECT_THAT(offered_by_fish("saltus phantom "), AllOf(HasSubstr("rectangle"), HasSubstr("smooth")));
+  EXPECT_THAT(offered_by_fish("saltus register --json --mod"), HasSubstr("--model"));
+  EXPECT_THAT(offered_by_fish("saltus stu"), HasSubstr("study\tThe paper"));
   EXPECT_THAT(offered_by_fish("saltus study "), AllOf(HasSubstr("paper"), HasSubstr("liver")));
 }
 
@@ -176,6 +186,9 @@ TEST_F(Settings, AreCompletedByZsh) {
       "zpty -n -w inner 'saltus reg'$'\\t'; zpty -r -m inner all '*saltus reg*ister*' || exit 1\n"
       "zpty -n -w inner $'\\x15''saltus register --preset acc'$'\\t'; zpty -r -m inner all '*preset acc*urate*' || "
       "exit 2\n"
+      "zpty -n -w inner $'\\x15''saltus register --json --pres'$'\\t'; "
+      "zpty -r -m inner all '*json --pres*et*' || exit 3\n"
+      "zpty -n -w inner $'\\x15''saltus phantom rec'$'\\t'; zpty -r -m inner all '*phantom rec*tangle*' || exit 4\n"
       "zpty -d inner\n";
   ChildProcess zsh({program("timeout"), "60", program("zsh"), "-f", folder.write("typed.zsh", script)});
   EXPECT_EQ(zsh.wait(), 0) << zsh.err();
