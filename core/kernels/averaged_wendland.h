@@ -33,7 +33,10 @@ struct AveragedWendland {
 
   T reach() const { return sigma + half; }
 
-  [[gnu::always_inline]] T rest(T r) const { return std::max(T(0), T(1) - std::abs(r) * per_sigma); }
+  [[gnu::always_inline]] T rest(T r) const {
+    const T left = T(1) - std::abs(r) * per_sigma;
+    return left > 0 ? left : T(0);  // std::max gives a reference, which no loop in lanes likes
+  }
   [[gnu::always_inline]] T value(T r) const {
     const T low = rest(r - half), high = rest(r + half);
     return value_scale *

@@ -9,6 +9,7 @@
 #include <cmath>
 #include <limits>
 #include <numbers>
+#include <numeric>
 #include <string>
 
 #ifdef _OPENMP
@@ -22,6 +23,7 @@ namespace {
 /// see how an interface is curved.
 constexpr double kCornerDistance = 2;
 constexpr double kUnitLength = 1e-6;
+constexpr int kLanes = 16;  // sites of a row that are taken together, as many as are left or not
 
 template <int Dim>
 using Vec = Eigen::Matrix<double, Dim, 1>;
@@ -260,8 +262,11 @@ void OrientedMomenta<Dim, T>::visit_rows(const Orientation& orientation, const P
     high[a] = static_cast<int>(std::min(last, to));
   }
   const T h = static_cast<T>(lattice.spacing[0]);
-  T step[Dim];
-  for (int k = 0; k < Dim; ++k) step[k] = place.axes(k, 0) * h;
+  T step[Dim], per_step[Dim];  // 0: what divides by nearly nothing leaves rows as they are
+  for (int k = 0; k < Dim; ++k) {
+    step[k] = place.axes(k, 0) * h;
+    per_step[k] = std::abs(step[k]) < T(1e-3) * h ? T(0) : 1 / step[k];
+  }
   const int planes_begin = Dim == 3 ? low[Dim - 1] : 0, planes_end = Dim == 3 ? high[Dim - 1] : 1;
   for (int z = planes_begin; z < planes_end; ++z)
     for (int y = low[1]; y < high[1]; ++y) {
@@ -271,10 +276,10 @@ void OrientedMomenta<Dim, T>::visit_rows(const Orientation& orientation, const P
         across[k] =
             -place.axes(k, 0) * centre[0] + place.axes(k, 1) * (static_cast<T>(y * lattice.spacing[1]) - centre[1]);
         if constexpr (Dim == 3) across[k] += place.axes(k, 2) * (static_cast<T>(z * lattice.spacing[2]) - centre[2]);
-        // |across + step x| <= reach; what divides by nearly nothing leaves the row as it is.
+        // |across + step x| <= reach
+        if (per_step[k] == T(0)) continue;
         const T reach = orientation.profiles[k].reach();
-        if (std::abs(step[k]) < T(1e-3) * h) continue;
-        const T one = (-reach - across[k]) / step[k], other = (reach - across[k]) / step[k];
+        const T one = (-reach - across[k]) * per_step[k], other = (reach - across[k]) * per_step[k];
         least = std::max(least, std::min(one, other));
         most = std::min(most, std::max(one, other));
       }
@@ -298,7 +303,9 @@ void OrientedMomenta<Dim, T>::add_velocity(const std::vector<Element>& elements,
                                            T* velocity) const {
   if (elements.empty()) return;
   const int planes = options_.lattice.size[Dim - 1];
+  const std::size_t plane = sites_ / static_cast<std::size_t>(planes);
   const T factor = static_cast<T>(options_.weight * options_.lattice.cell_volume());
+  by_component_.assign(Dim * sites_ + kLanes, T(0));
 #ifdef _OPENMP
   const int parts = std::max(1, std::min(planes, omp_get_max_threads()));
 #else
@@ -306,28 +313,40 @@ void OrientedMomenta<Dim, T>::add_velocity(const std::vector<Element>& elements,
 #endif
   // A thread owns a range of planes; whatever that is, a site hears of the elements in their order.
 #pragma omp parallel for schedule(static, 1) num_threads(parts)
-  for (int part = 0; part < parts; ++part)
+  for (int part = 0; part < parts; ++part) {
+    const int begin = planes * part / parts, end = planes * (part + 1) / parts;
     for (std::size_t e = 0; e < elements.size(); ++e) {
       const T* c = momenta + kComponents * e;
       if (std::all_of(c, c + kComponents, [](T value) { return value == T(0); })) continue;
-      const Orientation& orientation = orientations_[normal_of(elements[e])];
+      const auto& p = orientations_[normal_of(elements[e])].profiles;
       const Placement place = placement(corners + kCornerValues * e);
       T vector[Dim] = {};
       for (int j = 1; j < Dim; ++j)
         for (int a = 0; a < Dim; ++a) vector[a] += factor * c[j - 1] * place.axes(j, a);
-      visit_rows(orientation, place, planes * part / parts, planes * (part + 1) / parts,
+      visit_rows(orientations_[normal_of(elements[e])], place, begin, end,
                  [&](std::size_t site, int count, const T* start, const T* step) {
-                   T* out = velocity + Dim * site;
-                   const auto& p = orientation.profiles;
+                   for (int from = 0; from < count; from += kLanes) {
+                     T shape[kLanes];
 #pragma omp simd
-                   for (int i = 0; i < count; ++i) {
-                     const T x = static_cast<T>(i);
-                     T shape = p[0].slope(start[0] + x * step[0]);
-                     for (int k = 1; k < Dim; ++k) shape *= p[k].value(start[k] + x * step[k]);
-                     for (int a = 0; a < Dim; ++a) out[Dim * i + a] += shape * vector[a];
+                     for (int i = 0; i < kLanes; ++i) {
+                       const T x = static_cast<T>(from + i);
+                       shape[i] = p[0].slope(start[0] + x * step[0]);
+                       for (int k = 1; k < Dim; ++k) shape[i] *= p[k].value(start[k] + x * step[k]);
+                     }
+                     const int width = std::min(kLanes, count - from);
+                     for (int a = 0; a < Dim; ++a) {
+                       T* out = by_component_.data() + static_cast<std::size_t>(a) * sites_ + site + from;
+#pragma omp simd
+                       for (int i = 0; i < kLanes; ++i)
+                         if (i < width) out[i] += shape[i] * vector[a];
+                     }
                    }
                  });
     }
+    for (std::size_t site = plane * begin; site < plane * end; ++site)
+      for (int a = 0; a < Dim; ++a)
+        velocity[Dim * site + a] += by_component_[static_cast<std::size_t>(a) * sites_ + site];
+  }
 }
 
 template <int Dim, class T>
@@ -335,8 +354,14 @@ void OrientedMomenta<Dim, T>::add_velocity_adjoint(const std::vector<Element>& e
                                                    const T* momenta, const T* velocity_dual, T* momenta_dual,
                                                    T* corners_dual) const {
   using Column = Eigen::Matrix<T, Dim, 1>;
+  if (elements.empty()) return;
   const int planes = options_.lattice.size[Dim - 1];
   const T factor = static_cast<T>(options_.weight * options_.lattice.cell_volume());
+  by_component_.resize(Dim * sites_ + kLanes);
+#pragma omp parallel for schedule(static)
+  for (std::size_t site = 0; site < sites_; ++site)
+    for (int a = 0; a < Dim; ++a)
+      by_component_[static_cast<std::size_t>(a) * sites_ + site] = velocity_dual[Dim * site + a];
 #pragma omp parallel for schedule(dynamic, 16)
   for (std::size_t e = 0; e < elements.size(); ++e) {
     const Orientation& orientation = orientations_[normal_of(elements[e])];
@@ -344,52 +369,57 @@ void OrientedMomenta<Dim, T>::add_velocity_adjoint(const std::vector<Element>& e
     const Placement place = placement(corners + kCornerValues * e);
     const T* c = momenta + kComponents * e;
     const bool moves = corners_dual && !std::all_of(c, c + kComponents, [](T value) { return value == T(0); });
-    Column vector = Column::Zero(), pulled = Column::Zero();  // the momentum, and sum of shape times dual
+    Column vector = Column::Zero(), pulled;  // the momentum, and sum of shape times dual
     for (int j = 1; j < Dim; ++j) vector += factor * c[j - 1] * place.axes.row(j).transpose();
-    // With shape = product of f_k(r_k): sums of g f_k' (product of the others), and of the same times r.
-    Column force = Column::Zero();
-    Eigen::Matrix<T, Dim, Dim> turning = Eigen::Matrix<T, Dim, Dim>::Zero();
+    // With shape = product of f_k(r_k): sums of g f_k' (product of the others), and of the same times r; lane by lane.
+    T pulled_lanes[Dim][kLanes] = {}, force_lanes[Dim][kLanes] = {}, turning_lanes[Dim][Dim][kLanes] = {};
     visit_rows(orientation, place, 0, planes, [&](std::size_t site, int count, const T* start, const T* step) {
-      const T* dual = velocity_dual + Dim * site;
-      T sums[Dim] = {};
-      if (!moves) {
-        T s0 = 0, s1 = 0, s2 = 0;
-#pragma omp simd reduction(+ : s0, s1, s2)
-        for (int i = 0; i < count; ++i) {
-          const T x = static_cast<T>(i);
-          T shape = p[0].slope(start[0] + x * step[0]);
-          for (int k = 1; k < Dim; ++k) shape *= p[k].value(start[k] + x * step[k]);
-          s0 += shape * dual[Dim * i];
-          s1 += shape * dual[Dim * i + 1];
-          if constexpr (Dim == 3) s2 += shape * dual[Dim * i + 2];
+      for (int from = 0; from < count; from += kLanes) {
+        T own[Dim][kLanes], r[Dim][kLanes], f[Dim][kLanes];
+        const int width = count - from;
+        for (int a = 0; a < Dim; ++a) {
+          const T* dual = by_component_.data() + static_cast<std::size_t>(a) * sites_ + site + from;
+          for (int i = 0; i < kLanes; ++i) own[a][i] = i < width ? dual[i] : T(0);
         }
-        sums[0] = s0, sums[1] = s1;
-        if constexpr (Dim == 3) sums[2] = s2;
-      } else {
-        for (int i = 0; i < count; ++i) {
-          const T x = static_cast<T>(i);
-          T r[Dim], f[Dim], slope[Dim], g = 0, shape = 1;
-          for (int k = 0; k < Dim; ++k) {
-            r[k] = start[k] + x * step[k];
-            f[k] = k == 0 ? p[0].slope(r[0]) : p[k].value(r[k]);
-            slope[k] = k == 0 ? p[0].slope_derivative(r[0]) : p[k].slope(r[k]) * p[k].per_sigma;
-            shape *= f[k];
+        for (int k = 0; k < Dim; ++k)
+          for (int i = 0; i < kLanes; ++i) r[k][i] = start[k] + static_cast<T>(from + i) * step[k];
+        for (int i = 0; i < kLanes; ++i) f[0][i] = p[0].slope(r[0][i]);
+        for (int k = 1; k < Dim; ++k)
+          for (int i = 0; i < kLanes; ++i) f[k][i] = p[k].value(r[k][i]);
+        T shape[kLanes];
+        for (int i = 0; i < kLanes; ++i) shape[i] = f[0][i] * f[1][i];
+        if constexpr (Dim == 3)
+          for (int i = 0; i < kLanes; ++i) shape[i] *= f[2][i];
+        for (int a = 0; a < Dim; ++a)
+          for (int i = 0; i < kLanes; ++i) pulled_lanes[a][i] += shape[i] * own[a][i];
+        if (!moves) continue;
+        T g[kLanes] = {};
+        for (int a = 0; a < Dim; ++a)
+          for (int i = 0; i < kLanes; ++i) g[i] += vector[a] * own[a][i];
+        for (int k = 0; k < Dim; ++k) {
+          T term[kLanes];
+          if (k == 0)
+            for (int i = 0; i < kLanes; ++i) term[i] = g[i] * p[0].slope_derivative(r[0][i]);
+          else
+            for (int i = 0; i < kLanes; ++i) term[i] = g[i] * p[k].slope(r[k][i]) * p[k].per_sigma;
+          for (int other = 0; other < Dim; ++other) {
+            if (other == k) continue;
+            for (int i = 0; i < kLanes; ++i) term[i] *= f[other][i];
           }
-          for (int a = 0; a < Dim; ++a) {
-            sums[a] += shape * dual[Dim * i + a];
-            g += vector[a] * dual[Dim * i + a];
-          }
-          for (int k = 0; k < Dim; ++k) {
-            T along = g * slope[k];
-            for (int other = 0; other < Dim; ++other)
-              if (other != k) along *= f[other];
-            force[k] += along;
-            for (int l = 0; l < Dim; ++l) turning(k, l) += along * r[l];
-          }
+          for (int i = 0; i < kLanes; ++i) force_lanes[k][i] += term[i];
+          for (int l = 0; l < Dim; ++l)
+            for (int i = 0; i < kLanes; ++i) turning_lanes[k][l][i] += term[i] * r[l][i];
         }
       }
-      for (int a = 0; a < Dim; ++a) pulled[a] += sums[a];
     });
+    const auto total = [](const T* lanes) { return std::accumulate(lanes, lanes + kLanes, T(0)); };
+    Column force;
+    Eigen::Matrix<T, Dim, Dim> turning;
+    for (int k = 0; k < Dim; ++k) {
+      pulled[k] = total(pulled_lanes[k]);
+      force[k] = total(force_lanes[k]);
+      for (int l = 0; l < Dim; ++l) turning(k, l) = total(turning_lanes[k][l]);
+    }
     for (int j = 1; j < Dim; ++j)
       momenta_dual[kComponents * e + j - 1] += factor * place.axes.row(j).dot(pulled.transpose());
     if (!moves) continue;

@@ -106,7 +106,8 @@ class OrientedMomenta {
   std::vector<Orientation> orientations_;
   std::vector<T> turned_normals_;
   std::vector<Element> turned_;
-  std::vector<T> scratch_;  ///< momenta of one normal at all sites, 0 between uses
+  std::vector<T> scratch_;               ///< momenta of one normal at all sites, 0 between uses
+  mutable std::vector<T> by_component_;  ///< a field, component after component: rows of one are side by side
 };
 
 }  // namespace saltus

@@ -12,7 +12,7 @@ namespace {
 
 constexpr char kMagic[8] = {'S', 'A', 'L', 'T', 'U', 'S', 'C', 'P'};
 /// To be raised with every change of what is stored or of what is computed from it.
-constexpr std::uint32_t kVersion = 11;
+constexpr std::uint32_t kVersion = 12;
 
 struct Header {
   char magic[8];
@@ -134,6 +134,8 @@ void transfer_level(Stream& stream, Level& level) {
   stream(level.decision);
   stream(level.first_order_gain);
   stream(level.first_order_shear);
+  stream(level.oriented_elements);
+  stream(level.oblique_share);
   stream(level.seconds);
   stream(level.cpu_seconds);
 }

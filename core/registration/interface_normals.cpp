@@ -14,7 +14,7 @@ namespace saltus {
 namespace {
 
 constexpr int kPasses = 6;  // of means over three samples: a standard deviation of 2
-constexpr double kLeastShare = 0.1;
+constexpr double kLeastShare = 0.2;
 const double kAlongAxis = std::cos(6 * std::numbers::pi / 180);
 
 }  // namespace
@@ -54,7 +54,7 @@ InterfaceNormals<Dim, T>::InterfaceNormals(const Lattice<Dim>& lattice, const st
 }
 
 template <int Dim, class T>
-std::vector<T> InterfaceNormals<Dim, T>::on(const Lattice<Dim>& lattice) const {
+typename InterfaceNormals<Dim, T>::Normals InterfaceNormals<Dim, T>::on(const Lattice<Dim>& lattice) const {
   std::vector<T> normals(Dim * lattice.sites()), strength(lattice.sites());
   const SitePlacement<Dim, T> place(lattice, lattice_);
 #pragma omp parallel for schedule(static)
@@ -72,12 +72,16 @@ std::vector<T> InterfaceNormals<Dim, T>::on(const Lattice<Dim>& lattice) const {
       for (int a = 0; a < Dim; ++a) normals[Dim * site + a] = static_cast<T>(solver.eigenvectors()(a, Dim - 1));
     });
   const T least = static_cast<T>(kLeastShare) * *std::max_element(strength.begin(), strength.end());
+  std::size_t strong = 0, oblique = 0;
   for (std::size_t site = 0; site < strength.size(); ++site) {
     T* n = normals.data() + Dim * site;
-    const bool along_axis = std::any_of(n, n + Dim, [](T value) { return std::abs(value) > kAlongAxis; });
-    if (!(strength[site] > least) || along_axis) std::fill(n, n + Dim, T(0));
+    const bool is_oblique = std::none_of(n, n + Dim, [](T value) { return std::abs(value) > kAlongAxis; });
+    const bool is_strong = strength[site] > least;
+    strong += is_strong;
+    oblique += is_strong && is_oblique;
+    if (!is_strong || !is_oblique) std::fill(n, n + Dim, T(0));
   }
-  return normals;
+  return {std::move(normals), strong > 0 ? static_cast<double>(oblique) / static_cast<double>(strong) : 0.0};
 }
 
 template class InterfaceNormals<2, float>;

@@ -16,10 +16,15 @@ class InterfaceNormals {
   /// `velocity` is interleaved, on `lattice`.
   InterfaceNormals(const Lattice<Dim>& lattice, const std::vector<T>& velocity);
 
-  /// Unit normals at the sites of another lattice over the same frame, Dim values each, of either sign. 0 where v
-  /// changes by less than a tenth of its strongest change, and where n is within 6 degrees of an axis: there the
-  /// momenta m_i jump better, since theirs lie between the samples.
-  std::vector<T> on(const Lattice<Dim>& lattice) const;
+  /// At the sites of another lattice over the same frame.
+  struct Normals {
+    /// Unit normals, Dim values a site, of either sign. 0 where v changes by less than a fifth of its strongest change,
+    /// and where n is within 6 degrees of an axis: there the momenta m_i jump better, since theirs lie between the
+    /// samples.
+    std::vector<T> values;
+    double oblique_share = 0;  ///< of the sites where v changes that much: those with a normal
+  };
+  Normals on(const Lattice<Dim>& lattice) const;
 
  private:
   static constexpr int kPairs = Dim * (Dim + 1) / 2;

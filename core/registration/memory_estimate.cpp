@@ -25,9 +25,9 @@ std::size_t memory_estimate(const ImageGrid<Dim>& fixed, const ImageGrid<Dim>& m
   const int finest = options.pyramid.finest_level, coarsening = options.flow.coarsening;
   const double level = sites_of(finest);
   const auto round_bytes = [&](bool smooth) {
-    double bytes = level * (8 * scalar + vector + similarity);  // images, weights, duals; dual of the displacement
+    double bytes = level * (8 * scalar + vector + similarity);  // images, weights, duals; displacement or its dual
     const double flow = sites_of(smooth ? finest + coarsening : finest);
-    if (smooth && coarsening > 0) bytes += level * 1.75 * vector + flow * vector;  // displacement, and on the way there
+    if (smooth && coarsening > 0) bytes += level * 0.75 * vector + flow * vector;  // on the way between the lattices
     bytes += flow * (2 * nodes * vector                                            // velocities and their duals
                      + (nodes + 4) * vector + scatter);                            // map and its adjoint's work
     double unknowns = 0;

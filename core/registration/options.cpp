@@ -56,6 +56,11 @@ RegistrationOptions resolved(const RegistrationOptions& options, int dimension, 
   if (o.momenta.finest_scale < 0)
     o.momenta.finest_scale = std::min(finest - 1 - o.momenta.finest_scale, o.pyramid.levels - 1);
   if (o.momenta.first_order_finest_scale < 0) o.momenta.first_order_finest_scale = finest;
+  if (o.momenta.orientations < 0) {
+    const bool can = o.momenta.first_order_scales > 0 && o.model != Model::Directional && o.momenta.sparsity > 0 &&
+                     o.flow.evolution == Evolution::Carried;
+    o.momenta.orientations = can ? (dimension == 2 ? 8 : 9) : 0;
+  }
   if (o.momenta.scales == 0) o.momenta.scales = std::max(1, o.pyramid.levels - o.momenta.finest_scale);
   return o;
 }
@@ -83,6 +88,10 @@ RegistrationOptions default_options(Model model, SimilarityType similarity, Pres
         // ssd follows noise: order 0 leaves the finest scale to order 1, which is sparse.
         o.momenta.first_order_scales = 2;
         o.momenta.finest_scale = -2;
+        if (model == Model::Auto) {
+          o.momenta.orientations = -1;
+          o.momenta.oblique_share = 0.7;  // core/README.md, "Slip at any orientation"
+        }
       }
       break;
   }

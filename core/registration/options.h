@@ -52,7 +52,9 @@ struct RegistrationOptions {
     std::vector<double> direction;  ///< of the derivative of model directional: a unit vector, world (LPS)
     /// Order 1 takes part only if it promises so much when order 0 has settled, see FirstOrderPromise. Gain 0: always.
     double first_order_gain = 0, first_order_shear = 1.1;
-    int orientations = 0;            ///< normals that oriented momenta are turned from; 0: there are none of these
+    int orientations = 0;            ///< normals that oriented momenta are turned from; 0: there are none of these; -1:
+                                     ///< 8 in 2-D and 9 in 3-D, none where there can be none
+    double oblique_share = 0;        ///< of an interface must be oblique for oriented momenta to begin
     double oriented_sparsity = 0.5;  ///< lambda of oriented momenta, as a share of `sparsity`
     bool first_order_waits = false;  ///< on each level order 0 settles before first-order momenta appear
     bool shear_only = false;         ///< drop component i of m_i, so that a jump can only slide

@@ -267,15 +267,19 @@ const std::vector<Parameter>& parameters() {
           "and only if it is pulled so much more along interfaces than across them (1: by noise)",
           [](O & o) -> auto& { return o.momenta.first_order_shear; }),
       integer(
-          "orientations", "", 0, 13,
+          "orientations", "", -1, 13,
           "normals that oriented momenta are turned from, so that interfaces that are not along an axis can slide: 4 "
-          "or 8 in 2-D, 9 or 13 in 3-D; 0: no oriented momenta",
+          "or 8 in 2-D, 9 or 13 in 3-D; -1: 8 or 9, where the other parameters allow for them; 0: no oriented momenta",
           [](O & o) -> auto& { return o.momenta.orientations; }),
       real(
           "oriented_sparsity", "", 0, Lower::Exclusive, 100,
           "weight of the group norm of oriented momenta, as a share of sparsity: they appear only where the velocity "
           "shows an interface",
           [](O & o) -> auto& { return o.momenta.oriented_sparsity; }),
+      real(
+          "oblique_share", "", 0, Lower::Inclusive, 1,
+          "oriented momenta begin only where so large a share of what may slide is oblique to the axes; 0: always",
+          [](O & o) -> auto& { return o.momenta.oblique_share; }),
       boolean(
           "first_order_waits",
           "on each level let order 0 settle before first-order momenta appear, so that they are few",

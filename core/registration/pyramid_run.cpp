@@ -186,6 +186,7 @@ void PyramidRun<Dim>::make_objective(const SparsityRound& round) {
                                    level_.spacing_mm),
       options_.momenta.sparsity, flow, options_.momenta.oriented_sparsity);
   if (options_.momenta.shear_only) objective_->working_set().keep_shear_only();
+  objective_->working_set().want_oblique(options_.momenta.oblique_share);
   // Finer scales begin with none, and where order 0 is alone nothing has any.
   objective_->working_set().set_active_blocks(smooth ? std::vector<std::vector<std::uint32_t>>{}
                                                      : reached_.active_blocks);
@@ -271,6 +272,8 @@ void PyramidRun<Dim>::end_level() {
   reached_.active_blocks = objective_->working_set().active_blocks();
   reached_.active_elements = objective_->working_set().active_elements();
   level_.active_block_share = objective_->working_set().active_block_share();
+  level_.oblique_share = objective_->working_set().oblique_share();
+  for (const auto& elements : reached_.active_elements) level_.oriented_elements += static_cast<int>(elements.size());
   objective_->on_work({});
   meter_.end(step_);
   count_level_time(level_);

@@ -55,6 +55,8 @@ struct LevelSummary {
   double active_block_share = 0;  ///< at the end: blocks of first-order momenta that were stored, of all there are
   FirstOrderDecision decision = FirstOrderDecision::None;
   double first_order_gain = 0, first_order_shear = 0;  ///< what it rests on, see FirstOrderPromise
+  int oriented_elements = 0;                           ///< at the end: active oriented momenta
+  double oblique_share = 0;  ///< of what may slide, see InterfaceNormals; 0 where there are no oriented momenta
   double seconds = 0;
   double cpu_seconds = 0;
 };

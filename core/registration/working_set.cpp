@@ -243,6 +243,31 @@ void WorkingSet<Dim, T>::list_candidates(std::size_t scale, const std::vector<T>
   pick_elements<Dim>(oriented.active, values, oriented.listed, oriented.values.data());
 }
 
+/// Whether none of the two sites beside an element's, along its normal, pulls harder.
+template <int Dim, class T>
+bool WorkingSet<Dim, T>::is_ridge(const Oriented& oriented, std::uint32_t element,
+                                  const std::vector<float>& pull) const {
+  const Lattice<Dim>& lattice = oriented.momenta->lattice();
+  const std::size_t site = oriented.momenta->site_of(element);
+  const T* normal = oriented.momenta->turned_normals().data() + Dim * site;
+  double steps[Dim], most = 0;
+  for (int a = 0; a < Dim; ++a) most = std::max(most, std::abs(steps[a] = normal[a] / lattice.spacing[a]));
+  for (int side : {-1, 1}) {
+    std::size_t rest = site, stride = 1, beside = 0;
+    bool is_inside = true;
+    for (int a = 0; a < Dim; ++a) {
+      const auto length = static_cast<std::size_t>(lattice.size[a]);
+      const long at = static_cast<long>(rest % length) + side * std::lround(steps[a] / most);
+      is_inside = is_inside && at >= 0 && at < lattice.size[a];
+      beside += static_cast<std::size_t>(at) * stride;
+      rest /= length;
+      stride *= length;
+    }
+    if (is_inside && pull[beside] > pull[site]) return false;
+  }
+  return true;
+}
+
 /// The elements that are to be there from now on; `changes` becomes true when they are not those that are.
 template <int Dim, class T>
 std::vector<std::uint32_t> WorkingSet<Dim, T>::wanted_elements(const Oriented& oriented, const MinimiserState<T>& state,
@@ -252,11 +277,12 @@ std::vector<std::uint32_t> WorkingSet<Dim, T>::wanted_elements(const Oriented& o
   const auto is_zero = [](const T* values) {
     return std::all_of(values, values + Dim - 1, [](T value) { return value == T(0); });
   };
-  const auto pulls = [&](std::uint32_t element, const T* gradient) {
+  const auto excess = [&](std::uint32_t element, const T* gradient) {  // how many times its weight an element pulls
     double square = 0;
     for (int c = 0; c < Dim - 1; ++c) square += static_cast<double>(gradient[c]) * gradient[c];
-    return std::sqrt(square) > (factors.empty() ? range.weight : range.weight * factors[element]);
+    return std::sqrt(square) / (factors.empty() ? range.weight : range.weight * factors[element]);
   };
+  const auto pulls = [&](std::uint32_t element, const T* gradient) { return excess(element, gradient) > 1; };
   std::vector<std::uint32_t> staying, joining;
   for (std::size_t e = 0; e < oriented.active.size(); ++e) {
     const std::size_t at = range.begin + (Dim - 1) * e;
@@ -265,9 +291,17 @@ std::vector<std::uint32_t> WorkingSet<Dim, T>::wanted_elements(const Oriented& o
     for (const CurvaturePair<T>& pair : state.pairs) stays = stays || !is_zero(pair.s.data() + at);
     if (stays) staying.push_back(oriented.active[e]);
   }
+  // Of those that pull side by side across an interface the one that pulls most joins; a neighbour may when it still
+  // pulls at the next look.
+  std::vector<float> pull(oriented.listed.empty() ? 0 : oriented.momenta->lattice().sites());
+  for (std::size_t e = 0; e < oriented.listed.size(); ++e) {
+    float& most = pull[oriented.momenta->site_of(oriented.listed[e])];
+    most = std::max(most, static_cast<float>(excess(oriented.listed[e], oriented.gradient.data() + (Dim - 1) * e)));
+  }
   for (std::size_t e = 0; e < oriented.listed.size(); ++e)
-    if (pulls(oriented.listed[e], oriented.gradient.data() + (Dim - 1) * e) &&
-        !std::binary_search(oriented.active.begin(), oriented.active.end(), oriented.listed[e]))
+    if (excess(oriented.listed[e], oriented.gradient.data() + (Dim - 1) * e) > 1 &&
+        !std::binary_search(oriented.active.begin(), oriented.active.end(), oriented.listed[e]) &&
+        is_ridge(oriented, oriented.listed[e], pull))
       joining.push_back(oriented.listed[e]);
   const std::size_t idle = oriented.active.size() - staying.size();
   const bool shrinks = idle > 0 && 4 * idle >= oriented.active.size();
@@ -510,8 +544,18 @@ bool WorkingSet<Dim, T>::has_oriented() const {
 
 template <int Dim, class T>
 void WorkingSet<Dim, T>::turn(const InterfaceNormals<Dim, T>& interface) {
-  for (const Oriented& oriented : oriented_)
-    if (oriented.momenta) oriented.momenta->turn(interface.on(oriented.momenta->lattice()));
+  std::vector<typename InterfaceNormals<Dim, T>::Normals> found(oriented_.size());
+  bool has_elements = false;
+  oblique_share_ = 0;
+  for (std::size_t s = 0; s < oriented_.size(); ++s) {
+    if (!oriented_[s].momenta) continue;
+    found[s] = interface.on(oriented_[s].momenta->lattice());
+    oblique_share_ = std::max(oblique_share_, found[s].oblique_share);
+    has_elements = has_elements || !oriented_[s].active.empty();
+  }
+  const bool turns = has_elements || oblique_share_ >= least_oblique_share_;
+  for (std::size_t s = 0; s < oriented_.size(); ++s)
+    if (oriented_[s].momenta) oriented_[s].momenta->turn(turns ? std::move(found[s].values) : std::vector<T>());
 }
 
 template <int Dim, class T>
@@ -544,8 +588,11 @@ void WorkingSet<Dim, T>::weigh(const SparsityRound& round, const std::vector<T>&
     const int fields = first_[s].fields;
     std::vector<std::vector<float>> factors;
     if (oriented_[s].momenta) {
-      weigh_with_oriented(round, s, x);
-      continue;
+      factors_[oriented_[s].range].clear();
+      if (!oriented_[s].momenta->turned().empty() || !oriented_[s].active.empty()) {
+        weigh_with_oriented(round, s, x);
+        continue;
+      }
     }
     switch (round.weights) {
       case SparsityRound::Weights::Even:

@@ -76,8 +76,13 @@ class WorkingSet {
 
   bool has_oriented() const;
   /// Turns the elements to the interface where there is one; what x says of elements is from then on said of other
-  /// normals.
+  /// normals. While there are no elements yet, only where enough of it is oblique, see `want_oblique`.
   void turn(const InterfaceNormals<Dim, T>& interface);
+  /// Elements begin only where at least this share of the interface is oblique: along axes the m_i are better. 0 unless
+  /// said.
+  void want_oblique(double share) { least_oblique_share_ = share; }
+  /// The largest oblique share of a scale at the last `turn`, see InterfaceNormals; 0 before.
+  double oblique_share() const { return oblique_share_; }
   /// The normals of `turn`, by scale, and putting them back. Throws InvalidInput when they do not fit.
   std::vector<std::vector<float>> turned_normals() const;
   void restore_turned_normals(const std::vector<std::vector<float>>& normals);
@@ -131,6 +136,7 @@ class WorkingSet {
   void weigh_with_oriented(const SparsityRound& round, std::size_t scale, const std::vector<T>& x);
   void list_candidates(std::size_t scale, const std::vector<T>& x);
   bool wanted_blocks(MinimiserState<T>& state, std::vector<std::vector<char>>& wanted);
+  bool is_ridge(const Oriented& oriented, std::uint32_t element, const std::vector<float>& pull) const;
   std::vector<std::uint32_t> wanted_elements(const Oriented& oriented, const MinimiserState<T>& state, bool& changes);
   Layout layout() const;
   void reshape(const Layout& before, std::vector<T>& values) const;
@@ -150,6 +156,7 @@ class WorkingSet {
   std::vector<std::vector<float>> factors_;  ///< of the weights of all there is, as sparsity_; its own are compact
   std::vector<GroupSparsity> sparsity_;
   std::size_t size_ = 0;
+  double oblique_share_ = 0, least_oblique_share_ = 0;
   bool shear_only_ = false;
   bool lets_blocks_join_ = true, looks_everywhere_ = true;
 };

@@ -31,6 +31,7 @@ std::string measured_from(const std::string& name, const ReportInput<Dim>& input
                ? "2-D images are registered at full resolution"
                : "from the preset " + to_string(input.options->preset) +
                      " for 3-D images (fast at most 2 with voxels of 4 mm, balanced at most 1 with 3 mm, accurate 0)";
+  if (name == "orientations") return "8 in 2-D and 9 in 3-D, where the other parameters allow for them";
   return "from the levels";
 }
 
@@ -74,6 +75,15 @@ std::vector<Choice> choices(const ReportInput<Dim>& input) {
                          number(level.first_order_shear) +
                          " times as much along interfaces as across them (asked: " + number(asked.first_order_shear) +
                          "): " + (is_in ? "something slides" : "nothing slides that they could show"),
+                     false});
+  }
+  for (const LevelSummary& level : summary.levels) {
+    const RegistrationOptions::Momenta& asked = input.result->options.momenta;
+    if (level.oblique_share == 0 || asked.oblique_share == 0) continue;
+    found.push_back({"level " + std::to_string(level.level) + ": oriented momenta",
+                     level.oriented_elements > 0 ? std::to_string(level.oriented_elements) : "left out", "",
+                     percentage(level.oblique_share) +
+                         " of what may slide is oblique to the axes (asked: " + percentage(asked.oblique_share) + ")",
                      false});
   }
   return found;

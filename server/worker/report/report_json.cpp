@@ -85,6 +85,8 @@ Json describe(const LevelSummary& level) {
     json["first_order_momenta"] = {{"let_in", level.decision == FirstOrderDecision::LetIn},
                                    {"promised_gain", level.first_order_gain},
                                    {"promised_shear", level.first_order_shear}};
+  if (level.oblique_share > 0)
+    json["oriented_momenta"] = {{"elements", level.oriented_elements}, {"oblique_share", level.oblique_share}};
   return json;
 }
 

@@ -73,6 +73,36 @@ TEST(AutoModel, IsSlidingThatAsksFirst) {
   EXPECT_EQ(asked_nothing.evaluations, sliding.evaluations);
 }
 
+// Oracle: the angle of the scene's only interface, and model sliding, which knows no oriented momenta.
+TEST(AutoModel, OrientsMomentaWhereTheInterfaceIsOblique) {
+  for (double degrees : {0.0, 45.0}) {
+    PhantomOptions scene = default_phantom_options(PhantomKind::Slip);
+    scene.angle_deg = degrees;
+    const Phantom<2> phantom = make_phantom<2>(scene);
+    const RegistrationOptions options = default_options(Model::Auto, SimilarityType::Ssd, Preset::Balanced);
+    RegistrationInput<2> input;
+    input.fixed = phantom.fixed;
+    input.moving = phantom.moving;
+    const RegistrationResult<2> result = register_images<2>(input, options);
+    const LevelSummary& finest = result.summary.levels.back();
+    const bool is_oblique = degrees == 45;
+    EXPECT_EQ(finest.oriented_elements > 0, is_oblique);
+    EXPECT_EQ(finest.oblique_share >= options.momenta.oblique_share, is_oblique) << finest.oblique_share;
+    const Outcome found = outcome_of(phantom, options);
+    const Outcome sliding = outcome_of(phantom, default_options(Model::Sliding, SimilarityType::Ssd, Preset::Balanced));
+    EXPECT_LT(found.error_mm, (is_oblique ? 0.85 : 1.02) * sliding.error_mm);
+  }
+}
+
+TEST(AutoModel, HasNoOrientedMomentaWhereTheyCannotBe) {
+  RegistrationOptions options = default_options(Model::Auto, SimilarityType::Ssd, Preset::Balanced);
+  EXPECT_EQ(resolved(options, 2, 1, 128).momenta.orientations, 8);
+  EXPECT_EQ(resolved(options, 3, 1, 128).momenta.orientations, 9);
+  options.flow.evolution = Evolution::Exact;
+  EXPECT_TRUE(problems(options).empty());
+  EXPECT_EQ(resolved(options, 2, 1, 128).momenta.orientations, 0);
+}
+
 // Blocks may have been asked for on the coarser level without one joining: the finer one begins with order 0 alone.
 TEST(AutoModel, BeginsSmoothAgainWhereNoBlockHasJoined) {
   RegistrationOptions options = default_options(Model::Sliding, SimilarityType::Lncc, Preset::Balanced);

@@ -59,6 +59,7 @@ void expect_taylor_slope_two(const Case& test) {
       w = site % 5 == 0 ? Vector<Dim>::Zero() : Vector<Dim>(w.normalized());
     }
   }
+  if (options.momenta.orientations < 0) options.momenta.orientations = Dim == 2 ? 8 : 9;  // as resolved
   auto placed = make_scales<Dim, double>(lattice, options, directions);
   std::vector<MomentumScale<Dim, double>*> scales;
   for (auto& scale : placed) scales.push_back(scale.scale.get());

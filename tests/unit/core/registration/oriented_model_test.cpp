@@ -5,6 +5,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <map>
 #include <numbers>
 
 #include "core/evaluation/field_error.h"
@@ -39,7 +40,9 @@ void expect_the_normal_of_a_step(const Vector<Dim>& normal, bool is_found) {
     visit_slab<Dim>(lattice, slab, [&](const Index<Dim>& index, std::size_t site) {
       for (int c = 0; c < Dim; ++c) velocity[Dim * site + c] = std::tanh(distance(index) / 2) * jump[c];
     });
-  const std::vector<double> normals = InterfaceNormals<Dim, double>(lattice, velocity).on(lattice);
+  const auto found = InterfaceNormals<Dim, double>(lattice, velocity).on(lattice);
+  const std::vector<double>& normals = found.values;
+  EXPECT_NEAR(found.oblique_share, is_found ? 1 : 0, 0.1);
   int near = 0, far = 0;
   for (int slab = 0; slab < lattice.size[Dim - 1]; ++slab)
     visit_slab<Dim>(lattice, slab, [&](const Index<Dim>& index, std::size_t site) {
@@ -76,7 +79,9 @@ TEST(InterfaceNormals, LeaveTheAxesToThemselves) {
 TEST(InterfaceNormals, AreNoneWhereNothingMoves) {
   const Lattice<2> lattice{{9, 9}, {1, 1}, {}};
   const std::vector<float> still(2 * lattice.sites(), 0.5f);
-  for (float value : InterfaceNormals<2, float>(lattice, still).on(lattice)) EXPECT_EQ(value, 0);
+  const auto found = InterfaceNormals<2, float>(lattice, still).on(lattice);
+  for (float value : found.values) EXPECT_EQ(value, 0);
+  EXPECT_EQ(found.oblique_share, 0);
 }
 
 /// A slip of 6 mm along a line that is 25 degrees off an axis.
@@ -116,8 +121,8 @@ TEST(OrientedModel, HalvesTheErrorBesideAnInterfaceThatIsOblique) {
   EXPECT_LT(with, 0.75 * without) << with << " and " << without;
 }
 
-// Those that join are those that pull harder than their weight, of all that were turned; with the gradient that they
-// have when they are there from the start.
+// Those that join are those that pull harder than their weight, of all that were turned, and no less than what lies
+// beside them across the interface; with the gradient that they have when they are there from the start.
 TEST(OrientedModel, LetsJoinWhatPullsHarderThanItsWeight) {
   omp_set_num_threads(1);
   const Slip slip;
@@ -184,11 +189,28 @@ TEST(OrientedModel, LetsJoinWhatPullsHarderThanItsWeight) {
     if (!scales[s]->oriented()) continue;
     const GroupSparsity& wide = all.sparsity()[range_of];
     const GroupSparsity& own = objective.sparsity()[range_of++];
+    const Lattice<2>& sites = scales[s]->lattice();
+    std::map<std::size_t, double> pull_at;
+    for (std::size_t e = 0; e < turned[s].size(); ++e)
+      pull_at[scales[s]->oriented()->site_of(turned[s][e])] = std::abs(gradient[wide.begin + e]);
+    const auto is_most_across = [&](std::size_t site) {
+      const double* n = scales[s]->oriented()->turned_normals().data() + 2 * site;
+      const double longest = std::max(std::abs(n[0]), std::abs(n[1]));
+      const long right = std::lround(n[0] / longest), up = std::lround(n[1] / longest);
+      const long beside = right + up * sites.size[0], own = static_cast<long>(site);
+      for (long other : {own - beside, own + beside})
+        if (const auto at = pull_at.find(static_cast<std::size_t>(other));
+            at != pull_at.end() && std::abs(other % sites.size[0] - own % sites.size[0]) <= 1 &&
+            at->second > pull_at[site])
+          return false;
+      return true;
+    };
     std::size_t k = 0;
     for (std::size_t e = 0; e < turned[s].size(); ++e) {
       const double g = gradient[wide.begin + e];
       const bool is_there = std::binary_search(joined[s].begin(), joined[s].end(), turned[s][e]);
-      EXPECT_EQ(is_there, std::abs(g) > wide.weight) << s << " " << turned[s][e];
+      EXPECT_EQ(is_there, std::abs(g) > wide.weight && is_most_across(scales[s]->oriented()->site_of(turned[s][e])))
+          << s << " " << turned[s][e];
       (is_there ? pulling : content) += 1;
       if (is_there) {
         EXPECT_NEAR(state.gradient[own.begin + k++], g, 1e-12 * (1 + std::abs(g)));

@@ -128,6 +128,19 @@ TEST(Choices, TellWhetherFirstOrderMomentaWereLetInAndWhy) {
   EXPECT_THAT(line(), Contains(AllOf(named, Field(&Choice::value, "left out"), because("nothing slides"))));
 }
 
+TEST(Choices, TellWhetherMomentaWereOrientedAndWhy) {
+  ReportScene<2> scene(3);
+  const auto named = Field(&Choice::name, "level 1: oriented momenta");
+  LevelSummary& level = scene.result.summary.levels[0];
+  level.oblique_share = 0.75;
+  EXPECT_THAT(choices(scene.report), Not(Contains(named)));  // they were asked for, nothing was decided
+  scene.result.options.momenta.oblique_share = 0.5;
+  const auto because = Field(&Choice::why, AllOf(HasSubstr("75"), HasSubstr("oblique"), HasSubstr("asked: 50")));
+  EXPECT_THAT(choices(scene.report), Contains(AllOf(named, Field(&Choice::value, "left out"), because)));
+  level.oriented_elements = 17;
+  EXPECT_THAT(choices(scene.report), Contains(AllOf(named, Field(&Choice::value, "17"), because)));
+}
+
 TEST(Choices, MakeACommandThatAsksForTheSameAgain) {
   ReportScene<2> scene(3);
   set_parameter(scene.options, "regularisation", "0.5");

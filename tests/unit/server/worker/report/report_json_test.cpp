@@ -56,6 +56,15 @@ TEST(ReportJson, TellsWhatALevelDecidedOnFirstOrderMomenta) {
   }
 }
 
+TEST(ReportJson, TellsHowManyOrientedMomentaALevelHasAndWhy) {
+  ReportScene<2> scene(3);
+  EXPECT_FALSE(json::parse(report_json(scene.report))["levels"][0].contains("oriented_momenta"));
+  scene.result.summary.levels[0].oblique_share = 0.75;
+  scene.result.summary.levels[0].oriented_elements = 17;
+  EXPECT_EQ(json::parse(report_json(scene.report))["levels"][0]["oriented_momenta"],
+            json({{"elements", 17}, {"oblique_share", 0.75}}));
+}
+
 TEST(ReportJson, CarriesTheNotices) {
   ReportScene<2> scene(2);
   EXPECT_EQ(json::parse(report_json(scene.report))["notices"], json::array());
