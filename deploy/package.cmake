@@ -86,8 +86,8 @@ saltus-server."
   SCRIPTS ${PROJECT_BINARY_DIR}/share/preinst)
 saltus_package(development libsaltus-dev libdevel
   DESCRIPTION "These are three static libraries for
-C++ with their headers, for find_package(saltus): the numerics, image files, and
-a client of the daemon; and the protocol for other languages."
+C++ with their headers, for find_package(saltus): the numerics, image
+files, and a client of the daemon; and the protocol for other languages."
   DEPENDS "libeigen3-dev, libgrpc++-dev, libprotobuf-dev, libssl-dev"
   RECOMMENDS "libinsighttoolkit5-dev, zlib1g-dev"
   SUGGESTS "cmake, g++"
