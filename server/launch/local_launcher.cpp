@@ -126,6 +126,7 @@ struct LocalLauncher::Worker {
 LocalLauncher::LocalLauncher(LocalLauncherSettings settings) : settings_(std::move(settings)) {
   wake_descriptor_ = eventfd(0, EFD_CLOEXEC | EFD_NONBLOCK);
   if (wake_descriptor_ < 0) fail(errno, "cannot make an event descriptor");
+  memory_kills_ = settings_.count_memory_kills();
 }
 
 LocalLauncher::~LocalLauncher() {
@@ -276,7 +277,8 @@ void LocalLauncher::reap(const AttemptKey& key, Worker& worker) {
     while (waitpid(worker.identity.pid, &status, 0) < 0 && errno == EINTR) {
     }
     if (WIFSIGNALED(status))
-      exit = {WorkerExit::Kind::Signalled, WTERMSIG(status)};
+      exit = {WorkerExit::Kind::Signalled, WTERMSIG(status),
+              WTERMSIG(status) == SIGKILL && was_memory_kill() ? "the kernel ended it because no memory was left" : ""};
     else
       exit = {WorkerExit::Kind::Exited, WEXITSTATUS(status)};
   }
@@ -287,6 +289,14 @@ void LocalLauncher::reap(const AttemptKey& key, Worker& worker) {
   handler_(key, exit);
   std::lock_guard lock(mutex_);
   workers_.erase(key);
+}
+
+bool LocalLauncher::was_memory_kill() {
+  const auto count = settings_.count_memory_kills();
+  if (!count || !memory_kills_ || *count <= *memory_kills_) return false;
+  // One for each death: of two that are killed at the same time, the second is told so as well.
+  ++*memory_kills_;
+  return true;
 }
 
 void LocalLauncher::limit_logs() {

@@ -1,6 +1,7 @@
 #pragma once
 
 #include "server/jobs/launcher.h"
+#include "server/launch/memory_kills.h"
 
 #include <sys/types.h>
 
@@ -21,6 +22,8 @@ struct LocalLauncherSettings {
   std::filesystem::path work;    ///< for a folder of temporary files for each worker; made when missing
   std::int64_t max_log_bytes = 1 << 20;
   std::size_t max_logs = 64;  ///< the oldest go first
+  /// Of the daemon and its workers together, since ever; see there.
+  std::function<std::optional<std::int64_t>()> count_memory_kills = [] { return memory_kills(); };
 };
 
 /// Workers as processes on this machine, each in a process group of its own that is ended with it. The token goes
@@ -54,6 +57,8 @@ class LocalLauncher final : public Launcher {
   void reap(const AttemptKey& key, Worker& worker);
   void signal(const AttemptKey& key, int number);
   void limit_logs();
+  /// A process that was killed just now was killed for want of memory.
+  bool was_memory_kill();
   std::filesystem::path token_file(const AttemptKey& key) const;
   std::filesystem::path log_file(const AttemptKey& key) const;
   std::filesystem::path work_folder(const AttemptKey& key) const;
@@ -65,6 +70,7 @@ class LocalLauncher final : public Launcher {
   std::map<AttemptKey, std::shared_ptr<Worker>> workers_;
   bool is_closing_ = false;
   int wake_descriptor_ = -1;
+  std::optional<std::int64_t> memory_kills_;  ///< those that a worker's death has been told with, or were there before
   std::thread thread_;
 };
 

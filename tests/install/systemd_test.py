@@ -24,6 +24,11 @@ ENVIRONMENT = {"PATH": "/usr/sbin:/usr/bin:/sbin:/bin", "LC_ALL": "C.UTF-8", "DE
                "OMP_WAIT_POLICY": "passive"}
 
 
+# Version 1 of control groups: the one where a test may have a limit of memory of its own.
+HIERARCHIES = [name for name in ("systemd", "memory")
+               if os.path.exists(os.path.join("/sys/fs/cgroup", name, "cgroup.procs"))]
+
+
 class Machine:
     """What runs in a root folder from boot to the end of a with block."""
 
@@ -32,7 +37,8 @@ class Machine:
         self.group = "saltus-test-" + os.path.basename(os.path.dirname(root))
 
     def __enter__(self):
-        os.mkdir(os.path.join("/sys/fs/cgroup/systemd", self.group))
+        for name in HIERARCHIES:
+            os.mkdir(os.path.join("/sys/fs/cgroup", name, self.group))
         boot = os.path.join(os.path.dirname(os.path.abspath(__file__)), "boot")
         self.process = subprocess.Popen([boot, self.root, self.group, "basic.target"], stdin=subprocess.DEVNULL,
                                         stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
@@ -63,8 +69,9 @@ class Machine:
     def __exit__(self, *_):
         os.kill(int(self.init), signal.SIGKILL)
         self.process.communicate()
-        for folder, _, _ in sorted(os.walk(os.path.join("/sys/fs/cgroup/systemd", self.group)), reverse=True):
-            os.rmdir(folder)
+        for name in HIERARCHIES:
+            for folder, _, _ in sorted(os.walk(os.path.join("/sys/fs/cgroup", name, self.group)), reverse=True):
+                os.rmdir(folder)
 
 
 def install(root):
@@ -91,6 +98,22 @@ def install(root):
         file.write("[Service]\nWatchdogSec=4s\nRestartSec=0\n")
 
 
+def out_of_memory(machine, as_meier):
+    """A worker for which the kernel has no memory is that job's end: the daemon goes on, and says so."""
+    before = machine.show("MainPID")
+    machine.call("systemctl", "set-property", "--runtime", "saltusd", "MemoryMax=64M")
+    as_meier("saltus phantom slip --size 96,96,96 --out large")
+    told = as_meier("saltus register --server $SALTUS_SERVER --fixed large/fixed.mha --moving large/moving.mha "
+                    "--similarity ssd --out large-result 2>&1 || echo ended with $?", code=None)
+    assert "no memory was left" in told and "ended with" in told, told
+    listed = as_meier("saltus list")
+    assert "FAILED" in listed, listed
+    machine.call("systemctl", "set-property", "--runtime", "saltusd", "MemoryMax=infinity")
+    assert (machine.show("MainPID"), machine.show("NRestarts")) == (before, "0"), machine.call("journalctl", "-n", "30")
+    as_meier("saltus register --server $SALTUS_SERVER --fixed pair/fixed.mha --moving pair/moving.mha --similarity ssd "
+             "--preset fast --out afterwards; test -s afterwards/report.html")
+
+
 def check(machine):
     machine.call("systemctl", "start", "saltusd")
     assert machine.show("StatusText") == "serves unix:/run/saltus/saltusd.sock"
@@ -107,6 +130,9 @@ def check(machine):
     as_meier("saltus phantom slip --size 40,40 --out pair")
     job = "--fixed pair/fixed.mha --moving pair/moving.mha --similarity ssd --preset fast"
     as_meier(f"saltus register --server $SALTUS_SERVER {job} --out result; test -s result/report.html")
+
+    if "memory" in HIERARCHIES:
+        out_of_memory(machine, as_meier)
 
     # As the runbook says it.
     machine.call("sh", "-euc", """

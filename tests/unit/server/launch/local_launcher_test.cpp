@@ -32,8 +32,9 @@ class LocalLauncherTest : public ::testing::Test {
     const fs::path program =
         folder.write("worker", "#!/bin/sh\nfolder=" + folder.path().string() + "\n" + script + "\n");
     fs::permissions(program, fs::perms::owner_all);
-    launcher = std::make_unique<LocalLauncher>(
-        LocalLauncherSettings{program, "unix:/nowhere", folder / "run", folder / "logs", folder / "work"});
+    LocalLauncherSettings settings{program, "unix:/nowhere", folder / "run", folder / "logs", folder / "work"};
+    settings.count_memory_kills = [this] { return memory_kills_now.load(); };
+    launcher = std::make_unique<LocalLauncher>(settings);
     launcher->on_exit([this](const AttemptKey& key, const WorkerExit& exit) {
       std::lock_guard lock(mutex);
       exits[key] = exit;
@@ -54,6 +55,7 @@ class LocalLauncherTest : public ::testing::Test {
   std::mutex mutex;
   std::condition_variable changed;
   std::map<AttemptKey, WorkerExit> exits;
+  std::atomic<std::int64_t> memory_kills_now{7};
 };
 
 TEST_F(LocalLauncherTest, HandsTheTokenOverInAFileOfTheOwner) {
@@ -75,6 +77,20 @@ TEST_F(LocalLauncherTest, HandsTheTokenOverInAFileOfTheOwner) {
   const std::string environment = content_of(folder / "environment");
   EXPECT_THAT(environment, HasSubstr("OMP_NUM_THREADS=5\n"));
   EXPECT_THAT(arguments + environment, ::testing::Not(HasSubstr("the-secret")));
+}
+
+TEST_F(LocalLauncherTest, ADeathForWantOfMemoryIsToldAsOne) {
+  use_script("kill -s $(cat $folder/signal) $$");
+  const auto die = [&](int attempt, const char* signal) {
+    folder.write("signal", signal);
+    launcher->start({{"job", attempt}, "token"});
+    return exit_of({"job", attempt});
+  };
+  EXPECT_EQ(die(1, "KILL").detail, "");
+  memory_kills_now = 8;
+  EXPECT_EQ(die(2, "SEGV").detail, "");
+  EXPECT_EQ(die(3, "KILL").detail, "the kernel ended it because no memory was left");
+  EXPECT_EQ(die(4, "KILL").detail, "");
 }
 
 TEST_F(LocalLauncherTest, RemovesTheTokenAndKeepsTheLogOfAFailure) {
