@@ -65,6 +65,7 @@ void use_slurm(const Config& config, DaemonSettings& settings) {
   slurm.batch.tls = {config.slurm.authority, config.slurm.certificate, config.slurm.key};
   slurm.batch.shared_data = config.slurm.shared_data;
   slurm.batch.options = config.slurm.options;
+  slurm.refusal_patience = std::chrono::milliseconds(static_cast<long long>(1000 * config.slurm.patience_seconds));
   slurm.poll = std::chrono::milliseconds(static_cast<long long>(1000 * config.slurm.poll_seconds));
   // Slurm tells of an end at the next look: until then, a worker that has done its work is not ended by force.
   settings.jobs.linger = std::max<std::chrono::milliseconds>(settings.jobs.linger, 3 * slurm.poll);

@@ -70,6 +70,7 @@ nlohmann::json progress_json(const v1::JobProgress& progress) {
   if (progress.is_resumed()) json["is_resumed"] = true;
   if (progress.memory_bytes() > 0) json["memory_bytes"] = progress.memory_bytes();
   if (progress.cpu_seconds() > 0) json["cpu_seconds"] = progress.cpu_seconds();
+  if (!progress.waiting_for().empty()) json["waiting_for"] = progress.waiting_for();
   return json;
 }
 
@@ -151,6 +152,7 @@ std::string job_text(const v1::RegistrationJob& job) {
   if (job.state() == v1::JOB_STATE_QUEUED) line("position", job.queue_position());
   if (job.has_estimated_start_time()) line("starts", "about " + time_text(job.estimated_start_time()));
   if (job.state() == v1::JOB_STATE_RUNNING) line("stage", stage_name(job.progress().stage()));
+  if (!job.progress().waiting_for().empty()) line("waits for", job.progress().waiting_for());
   line("attempt", job.attempt());
   if (job.has_last_loss()) line("lost", job.last_loss().reason() + ": " + job.last_loss().message());
   if (job.priority() == v1::JOB_PRIORITY_LOW || job.priority() == v1::JOB_PRIORITY_HIGH)

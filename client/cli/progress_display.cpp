@@ -38,6 +38,7 @@ std::string details(const v1::RegistrationJob& job) {
     text << name;
   } else {
     text << stage_name(progress.stage());
+    if (!progress.waiting_for().empty()) text << " for " << progress.waiting_for();
     if (is_running(job) && progress.levels() > 0) {
       text << ", level " << progress.level() << '/' << progress.levels() << ", iteration " << progress.iteration()
            << '/' << progress.max_iterations();

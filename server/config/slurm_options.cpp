@@ -57,6 +57,10 @@ void add_slurm_options(CLI::App& app, LauncherKind& launcher, SlurmConfig& confi
   app.add_option("--slurm-pilot-idle-seconds", config.pilot_idle_seconds, "One ends after so long without a job")
       ->check(CLI::Range(1, 86400))
       ->capture_default_str();
+  app.add_option("--slurm-patience-seconds", config.patience_seconds,
+                 "How long what sbatch refuses is submitted again, and what Slurm says can never start is left waiting")
+      ->check(CLI::Range(0.0, 31536000.0))
+      ->capture_default_str();
   app.add_option("--slurm-poll-seconds", config.poll_seconds, "Between two looks at Slurm's queue")
       ->check(CLI::Range(0.1, 3600.0))
       ->capture_default_str();

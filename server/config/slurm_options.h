@@ -22,6 +22,7 @@ struct SlurmConfig {
   std::vector<std::string> options;
   std::string shared_data;
   double poll_seconds = 10;
+  double patience_seconds = 600;
   int pilots = 0;
   double pilot_memory_gib = 4;
   int pilot_idle_seconds = 60;

@@ -58,6 +58,19 @@ struct Checkpoint {
   bool operator==(const Checkpoint&) const = default;
 };
 
+/// An attempt that ended without an outcome, for whoever looks for what became of it.
+struct LostAttempt {
+  int attempt = 0;
+  std::string reason;    ///< as that of a failure
+  std::string batch_id;  ///< what a batch system called it; "" when none had it
+  std::string host;      ///< where the batch system ran it; "" while it waited
+  WallTime ended{};
+  bool operator==(const LostAttempt&) const = default;
+};
+
+/// So many are kept of one job; of more, the newest.
+constexpr std::size_t kMostLostAttempts = 16;
+
 /// Everything that is kept about a job. The specification is opaque here.
 struct JobRecord {
   std::int64_t sequence = 0;  ///< order of creation, given by the store
@@ -80,10 +93,12 @@ struct JobRecord {
   int crashes = 0;        ///< of those, how many died by a signal
   std::optional<WallTime> not_before;   ///< Queued only: earliest start of the next attempt
   std::optional<JobFailure> last_loss;  ///< why the last attempt that had no outcome ended
+  std::vector<LostAttempt> losses;      ///< oldest first
   std::optional<Checkpoint> checkpoint;
   std::string token_hash;         ///< fingerprint of the attempt's token
   std::string process;            ///< the launcher's name for the attempt's process; "" while unknown
   std::string batch_id;           ///< what a batch system calls the current or last attempt; "" when none had it
+  std::string batch_host;         ///< where the batch system runs it; "" while it waits
   std::optional<WallTime> begun;  ///< when the worker came out of a batch system's queue; nothing while it waits
 
   WallTime created{};
@@ -124,7 +139,8 @@ struct JobProgress {
   int checkpoints = 0;       ///< that this attempt has put in safety
   bool is_resumed = false;   ///< from a checkpoint of an earlier attempt
   std::int64_t memory_bytes = 0;
-  double cpu_seconds = 0;  ///< of all threads together, in this attempt
+  double cpu_seconds = 0;        ///< of all threads together, in this attempt
+  std::string waiting_for = {};  ///< Waiting only: why it does, in the batch system's words; "" while unknown
   bool operator==(const JobProgress&) const = default;
 };
 

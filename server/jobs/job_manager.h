@@ -171,6 +171,7 @@ class JobManager {
   void lose(const AttemptKey& key, LossCause cause, const std::string& detail, Ending ending = Ending::None);
   void fail(const AttemptKey& key, Limit limit, Ending ending);
   void time_limit_reached(const AttemptKey& key);
+  void never_starts(const AttemptKey& key, const std::string& reason);
   void require_room(const NewJob& job) const;
   void worker_ended(const AttemptKey& key, const WorkerExit& exit);
   void has_news(const AttemptKey& key, const QueueNews& news);

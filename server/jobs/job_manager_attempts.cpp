@@ -2,6 +2,7 @@
 #include "server/jobs/job_manager.h"
 #include "server/jobs/refusal.h"
 
+#include <algorithm>
 #include <chrono>
 #include <iterator>
 #include <memory>
@@ -34,6 +35,16 @@ JobFailure failure_of(Limit limit, const JobLimits& limits) {
                                   " that the job allows it; allow more, or crop the images"};
   }
   return {};
+}
+
+JobFailure never_started(const JobRecord& job, int threads, const std::string& reason) {
+  const std::int64_t memory = std::max(job.memory_bytes, job.limits.memory_bytes);
+  std::string asked = threads == 1 ? "1 thread" : std::to_string(threads) + " threads";
+  if (memory > 0) asked += ", " + gibibytes(memory) + " of memory";
+  if (job.limits.wall_seconds > 0) asked += ", " + std::to_string(job.limits.wall_seconds) + " s of time";
+  return {"BATCH_NEVER_STARTS", "the batch system says that it can never start this job there (" + reason +
+                                    "); it asks for " + asked +
+                                    ": ask for less, or have the daemon submit to another partition"};
 }
 
 Refusal lease_lost(const AttemptKey& key) {
@@ -173,6 +184,17 @@ void JobManager::time_limit_reached(const AttemptKey& key) {
       describe(LossCause::TimeLimit, ""), Ending::None);
 }
 
+/// Another attempt would ask for the same.
+void JobManager::never_starts(const AttemptKey& key, const std::string& reason) {
+  end_attempt(
+      key,
+      [this, key, reason](JobTable& table) -> std::optional<JobRecord> {
+        const auto job = table.find(key.job_id);
+        return job ? queue_.fail(table, key, never_started(*job, threads_of(*job), reason)) : std::nullopt;
+      },
+      "the batch system can never start it: " + reason, Ending::None);
+}
+
 void JobManager::worker_ended(const AttemptKey& key, const WorkerExit& exit) {
   {
     std::lock_guard lock(mutex_);
@@ -189,7 +211,7 @@ void JobManager::worker_ended(const AttemptKey& key, const WorkerExit& exit) {
       return lose(key, LossCause::Exited, "exit code " + number);
     case WorkerExit::Kind::Signalled:
       if (exit.number == kProcessorTimeSignal) return fail(key, Limit::CpuTime, Ending::None);
-      return lose(key, LossCause::Crashed, "signal " + number);
+      return lose(key, LossCause::Crashed, "signal " + number + (exit.detail.empty() ? "" : ", " + exit.detail));
     case WorkerExit::Kind::Vanished:
       return lose(key, LossCause::Vanished, "");
     case WorkerExit::Kind::TimeLimit:
@@ -202,19 +224,29 @@ void JobManager::worker_ended(const AttemptKey& key, const WorkerExit& exit) {
       return lose(key, LossCause::Withdrawn, "");
     case WorkerExit::Kind::Refused:
       return lose(key, LossCause::LaunchFailed, exit.detail);
+    case WorkerExit::Kind::NeverStarts:
+      return never_starts(key, exit.detail);
   }
 }
 
 void JobManager::has_news(const AttemptKey& key, const QueueNews& news) {
-  if (news.has_its_turn) {
+  std::optional<JobProgress> waiting;
+  {
     std::lock_guard lock(mutex_);
-    leases_.expect(key, clock_.steady() + settings_.first_call);
-    forget_stage(key);
+    const auto found = progress_.find(key.job_id);
+    if (news.has_its_turn) {
+      leases_.expect(key, clock_.steady() + settings_.first_call);
+      forget_stage(key);
+    } else if (running_.contains(key) && found != progress_.end() && found->second.stage == JobStage::Waiting) {
+      found->second.waiting_for = news.waiting_for;
+      waiting = found->second;
+    }
   }
+  if (waiting) watchers_.progressed(key.job_id, *waiting);
   if (news.batch_id.empty()) return;
   // Not kept, the number is told again by the next daemon; watchers learn it with the next change.
   write_job(
-      key.job_id, [this, key, id = news.batch_id](JobTable& table) { return queue_.name(table, key, id); },
+      key.job_id, [this, key, news](JobTable& table) { return queue_.name(table, key, news.batch_id, news.host); },
       [](std::exception_ptr, const Change&) {});
 }
 

@@ -33,6 +33,21 @@ Refusal job_not_found(const std::string& id) {
   return {RefusalKind::NotFound, "JOB_NOT_FOUND", "there is no job '" + id + "'; list the jobs to see which there are"};
 }
 
+/// " (batch job 17 on node3)", or what is known of that.
+std::string place_of(const std::string& batch_id, const std::string& host) {
+  if (batch_id.empty()) return "";
+  return " (batch job " + batch_id + (host.empty() ? "" : " on " + host) + ")";
+}
+
+/// Those before the last one that a batch system had: that is where somebody would go on looking.
+std::string losses_before(const JobRecord& job) {
+  std::string text;
+  for (const LostAttempt& lost : job.losses)
+    if (lost.attempt != job.attempt && !lost.batch_id.empty())
+      text += (text.empty() ? "; before it: " : ", ") + lost.reason + place_of(lost.batch_id, lost.host);
+  return text;
+}
+
 bool is_same_outcome(const JobRecord& job, const Outcome& outcome) {
   if (const auto* delivered = std::get_if<Delivered>(&outcome))
     return job.state == JobState::Succeeded && job.artifacts == delivered->artifacts;
@@ -187,6 +202,7 @@ std::optional<JobQueue::Taken> JobQueue::start(JobTable& table, const std::strin
   taken.job.token_hash = ids_.fingerprint(taken.token);
   taken.job.process = name({id, taken.job.attempt});
   taken.job.batch_id.clear();
+  taken.job.batch_host.clear();
   taken.job.begun.reset();
   taken.job.not_before.reset();
   table.update(taken.job);
@@ -201,10 +217,13 @@ std::optional<JobRecord> JobQueue::begin(JobTable& table, const AttemptKey& key)
   return job;
 }
 
-std::optional<JobRecord> JobQueue::name(JobTable& table, const AttemptKey& key, const std::string& batch_id) const {
+std::optional<JobRecord> JobQueue::name(JobTable& table, const AttemptKey& key, const std::string& batch_id,
+                                        const std::string& host) const {
   auto job = table.find(key.job_id);
-  if (!job || job->attempt != key.attempt || !is_held(job->state) || job->batch_id == batch_id) return std::nullopt;
+  if (!job || job->attempt != key.attempt || !is_held(job->state)) return std::nullopt;
+  if (job->batch_id == batch_id && (host.empty() || job->batch_host == host)) return std::nullopt;
   job->batch_id = batch_id;
+  if (!host.empty()) job->batch_host = host;
   table.update(*job);
   return job;
 }
@@ -253,27 +272,32 @@ std::optional<JobRecord> JobQueue::lose(JobTable& table, const AttemptKey& key, 
   if (!found || found->attempt != key.attempt || !is_held(found->state)) return std::nullopt;
   JobRecord job = *std::move(found);
   const WallTime now = clock_.wall();
+  const std::string what = describe(cause, detail) + place_of(job.batch_id, job.batch_host);
+  job.losses.push_back({job.attempt, reason_of(cause), job.batch_id, job.batch_host, now});
+  if (job.losses.size() > kMostLostAttempts) job.losses.erase(job.losses.begin());
   if (cause == LossCause::Released) {
     apply(job, JobEvent::Release, now);
   } else {
     const bool is_nobodys_fault = cause == LossCause::Preempted || cause == LossCause::NeverBegun;
     if (!is_nobodys_fault) ++job.lost_attempts;
-    job.last_loss = {reason_of(cause), describe(cause, detail)};
+    job.last_loss = {reason_of(cause), what};
     if (cause == LossCause::Crashed) ++job.crashes;
     const bool is_poison = job.crashes >= limits_.max_crashes;
     const bool is_last = job.lost_attempts >= limits_.max_attempts;
     apply(job, is_poison || is_last ? JobEvent::GiveUp : JobEvent::Lose, now);
     if (job.state == JobState::Queued) job.not_before = now + retry_delay(std::max(job.lost_attempts, 1));
     if (job.state == JobState::Failed) {
-      const std::string what = describe(cause, detail);
+      const std::string before = losses_before(job);
+      // A batch system writes elsewhere, unless the data folder is shared.
+      const std::string where = job.batch_id.empty() ? "what the worker printed is in logs/ of the daemon's folder"
+                                                     : "the batch system tells more of them";
       if (is_poison)
-        job.failure = {"WORKER_CRASHED", what +
-                                             ", for the second time; the input may be too large for the machine, "
-                                             "what the worker printed is in logs/ of the daemon's folder"};
+        job.failure = {"WORKER_CRASHED", what + ", for the second time" + before +
+                                             "; the input may be too large for the machine, " + where};
       else
         job.failure = {"ATTEMPTS_EXHAUSTED", "attempt " + std::to_string(job.lost_attempts) + " of " +
                                                  std::to_string(limits_.max_attempts) + " was lost as well: " + what +
-                                                 "; what the worker printed is in logs/ of the daemon's folder"};
+                                                 before + "; " + where};
     }
   }
   job.process.clear();

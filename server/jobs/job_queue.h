@@ -79,8 +79,9 @@ class JobQueue {
   /// The worker of the attempt has come out of a batch system's queue. Nothing when that is known, or the attempt has
   /// ended.
   std::optional<JobRecord> begin(JobTable& table, const AttemptKey& key) const;
-  /// What the batch system calls the attempt. Nothing as above.
-  std::optional<JobRecord> name(JobTable& table, const AttemptKey& key, const std::string& batch_id) const;
+  /// What the batch system calls the attempt, and where it runs it ("": not yet). Nothing as above.
+  std::optional<JobRecord> name(JobTable& table, const AttemptKey& key, const std::string& batch_id,
+                                const std::string& host) const;
 
   /// Idempotent.
   JobRecord cancel(JobTable& table, const std::string& id) const;

@@ -19,14 +19,15 @@ struct LaunchRequest {
 struct WorkerExit {
   enum class Kind {
     Exited,     ///< `number` is the exit code
-    Signalled,  ///< `number` is the signal
+    Signalled,  ///< `number` is the signal; `detail` says why it was sent, when that is known
     Vanished,   ///< gone; nobody could see how
     // What a batch system does to its jobs:
-    TimeLimit,   ///< ended at the time that the batch system gives it
-    Preempted,   ///< ended for the sake of others
-    NodeFailed,  ///< gone with its machine
-    Withdrawn,   ///< taken out of the batch system by somebody else
-    Refused,     ///< never accepted; `detail` says why
+    TimeLimit,    ///< ended at the time that the batch system gives it
+    Preempted,    ///< ended for the sake of others
+    NodeFailed,   ///< gone with its machine
+    Withdrawn,    ///< taken out of the batch system by somebody else
+    Refused,      ///< never accepted; `detail` says why
+    NeverStarts,  ///< it can never have what the job asks for; `detail` has its word for it
   };
   Kind kind = Kind::Exited;
   int number = 0;
@@ -35,8 +36,11 @@ struct WorkerExit {
 
 /// What a launcher with a queue of its own has learned of a worker.
 struct QueueNews {
-  std::string batch_id;       ///< what the batch system calls it
-  bool has_its_turn = false;  ///< it is out of the queue, and its process is about to begin
+  std::string batch_id;          ///< what the batch system calls it
+  bool has_its_turn = false;     ///< it is out of the queue, and its process is about to begin
+  std::string host = {};         ///< where it runs; "" while unknown
+  std::string waiting_for = {};  ///< why it is in the queue, in the batch system's words; "" while unknown
+  bool operator==(const QueueNews&) const = default;
 };
 
 /// Exit codes of a worker that mean something to the daemon.

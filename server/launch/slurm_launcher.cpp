@@ -1,5 +1,6 @@
 #include "server/launch/slurm_launcher.h"
 
+#include "core/support/failpoint.h"
 #include "server/launch/worker_files.h"
 
 #include <fcntl.h>
@@ -24,6 +25,21 @@ constexpr std::size_t kIdsOfOneCall = 100;  // of scancel
 /// A limit of the site, or a controller that is overworked: no fault of the submission.
 bool is_to_be_waited_for(const std::string& errors) {
   return errors.find("imit") != std::string::npos || errors.find("temporarily") != std::string::npos;
+}
+
+/// No node has what the submission asks for, or the partition forbids it.
+bool can_never_be_taken(const std::string& errors) {
+  for (const char* text : {"Requested node configuration is not available", "Requested time limit is invalid",
+                           "CPU count per node can not be satisfied", "More processors requested than permitted",
+                           "Node count specification invalid"})
+    if (errors.find(text) != std::string::npos) return true;
+  return false;
+}
+
+/// What sbatch says of itself begins with its name.
+std::string refusal_of(const CommandResult& result) {
+  const std::string told = describe(result);
+  return told.starts_with("sbatch") ? told : "sbatch: " + told;
 }
 
 void sync(const fs::path& path) {
@@ -181,8 +197,11 @@ bool SlurmLauncher::look() {
   if (!rows) {
     failed("squeue", result);
     std::lock_guard lock(mutex_);
-    for (auto& [key, attempt] : attempts_)
+    for (auto& [key, attempt] : attempts_) {
       if (attempt.place == Attempt::Place::Uncertain) attempt.is_excused = true;
+      if (!attempt.told || !attempt.told->has_its_turn)
+        tell_news(key, attempt, {attempt.batch_id, false, "", "Slurm does not answer"});
+    }
     return false;
   }
   if (is_away_) settings_.log("Slurm answers again");
@@ -203,7 +222,10 @@ void SlurmLauncher::reconcile(const std::vector<BatchRow>& rows, SteadyTime now)
     std::lock_guard lock(mutex_);
     for (auto& [key, attempt] : attempts_) {
       const auto found = by_name.extract(name_of(key).substr(std::string(kPrefix).size()));
-      if (found.empty()) {
+      // What sbatch refuses may be in the queue nevertheless, as a job that has failed.
+      if (found && attempt.place != Attempt::Place::Submitted)
+        std::erase_if(found.mapped(), [](const BatchRow* row) { return was_never_possible(*row); });
+      if (!found || found.mapped().empty()) {
         if (attempt.place == Attempt::Place::Submitted) ended.emplace_back(key, WorkerExit{WorkerExit::Kind::Vanished});
         if (attempt.place != Attempt::Place::Uncertain) continue;
         attempt.place = Attempt::Place::ToSubmit;
@@ -211,7 +233,9 @@ void SlurmLauncher::reconcile(const std::vector<BatchRow>& rows, SteadyTime now)
         if (!attempt.refused) attempt.refused = now;
         attempt.not_before = now + settings_.poll;
         if (now - *attempt.refused >= settings_.refusal_patience)
-          ended.emplace_back(key, WorkerExit{WorkerExit::Kind::Refused, 0, attempt.refusal});
+          ended.emplace_back(
+              key, WorkerExit{attempt.is_hopeless ? WorkerExit::Kind::NeverStarts : WorkerExit::Kind::Refused, 0,
+                              attempt.refusal});
         continue;
       }
       // Of two with one token, one lives: the one that we know, or the first that has not ended.
@@ -220,8 +244,9 @@ void SlurmLauncher::reconcile(const std::vector<BatchRow>& rows, SteadyTime now)
         if (row->id == attempt.batch_id || (own->id != attempt.batch_id && end_of(*own) && !end_of(*row))) own = row;
       for (const BatchRow* row : found.mapped())
         if (row != own && !end_of(*row)) strays_.insert(row->id);
-      follow(key, attempt, *own);
-      if (const auto exit = end_of(*own)) ended.emplace_back(key, *exit);
+      const auto exit = follow(key, attempt, *own, now);
+      if (exit) ended.emplace_back(key, *exit);
+      if (exit && !end_of(*own)) strays_.insert(own->id);
     }
   }
   for (const auto& [name, unknown] : by_name)
@@ -235,16 +260,21 @@ void SlurmLauncher::count_pilots(const std::vector<const BatchRow*>& rows, Stead
   pilots_ = pending_pilots_ = 0;
   std::set<std::string> spoiled;
   bool is_new = false;
+  std::string reason;
   for (const BatchRow* row : rows) {
     const auto exit = end_of(*row);
     pilots_ += exit ? 0 : 1;
     pending_pilots_ += is_pending(*row) ? 1 : 0;
+    if (can_never_start(*row)) reason = row->reason;
     const bool is_bad = exit && (exit->kind == WorkerExit::Kind::Signalled || exit->number != 0);
     if (!is_bad) continue;
     spoiled.insert(row->id);
     is_new = is_new || !spoiled_pilots_.contains(row->id);
   }
   spoiled_pilots_ = std::move(spoiled);
+  if (std::exchange(pilot_reason_, reason) != reason && !reason.empty())
+    settings_.log("Slurm says that pilots can never start there (" + reason +
+                  "), and jobs wait; see --threads-per-job, --slurm-pilot-memory and --slurm-option");
   // One that works shows that nothing is wrong with all of them.
   if (!is_new && pilots_ > pending_pilots_) pilot_pause_ = {};
   if (!is_new) return;
@@ -255,13 +285,26 @@ void SlurmLauncher::count_pilots(const std::vector<const BatchRow*>& rows, Stead
                 "); the next ones are submitted in " + std::to_string(pilot_pause_.count() / 1000) + " s");
 }
 
-void SlurmLauncher::follow(const AttemptKey& key, Attempt& attempt, const BatchRow& row) {
+std::optional<WorkerExit> SlurmLauncher::follow(const AttemptKey& key, Attempt& attempt, const BatchRow& row,
+                                                SteadyTime now) {
   attempt.place = Attempt::Place::Submitted;
-  const bool is_new = attempt.batch_id != row.id;
-  const bool has_its_turn = !is_pending(row);
-  if (is_new || has_its_turn != attempt.has_its_turn) to_tell_.push_back({key, QueueNews{row.id, has_its_turn}, {}});
   attempt.batch_id = row.id;
-  attempt.has_its_turn = has_its_turn;
+  const bool has_its_turn = !is_pending(row);
+  tell_news(key, attempt, {row.id, has_its_turn, row.host, has_its_turn ? "" : row.reason});
+  if (auto exit = end_of(row)) return exit;
+  if (!can_never_start(row)) {
+    attempt.refused.reset();
+    return std::nullopt;
+  }
+  if (!attempt.refused) attempt.refused = now;
+  if (now - *attempt.refused < settings_.refusal_patience) return std::nullopt;
+  return WorkerExit{WorkerExit::Kind::NeverStarts, 0, row.reason};
+}
+
+void SlurmLauncher::tell_news(const AttemptKey& key, Attempt& attempt, QueueNews news) {
+  if (attempt.told == news) return;
+  attempt.told = news;
+  to_tell_.push_back({key, std::move(news), {}});
 }
 
 void SlurmLauncher::end(const AttemptKey& key, WorkerExit exit) {
@@ -373,7 +416,10 @@ bool SlurmLauncher::submit_next() {
   if (!next) return false;
   CommandResult result;
   try {
-    result = run(command_for(*next));
+    const Command command = command_for(*next);
+    SALTUS_FAILPOINT("slurm.submit.before");
+    result = run(command);
+    SALTUS_FAILPOINT("slurm.submit.after");
   } catch (const std::exception& error) {
     end(next->key, {WorkerExit::Kind::Refused, 0, error.what()});
     return true;
@@ -385,11 +431,13 @@ bool SlurmLauncher::submit_next() {
     attempt.place = Attempt::Place::Submitted;
     attempt.batch_id = *id;
     attempt.refused.reset();
-    to_tell_.push_back({next->key, QueueNews{*id, false}, {}});
+    tell_news(next->key, attempt, {*id, false});
     return true;
   }
-  const std::string refusal = "sbatch: " + describe(result);
-  if (is_to_be_waited_for(result.errors)) attempt.refused.reset();
+  const std::string refusal = refusal_of(result);
+  attempt.is_hopeless = can_never_be_taken(result.errors);
+  if (!attempt.is_hopeless && is_to_be_waited_for(result.errors)) attempt.refused.reset();
+  if (result.end != CommandResult::End::Stopped) tell_news(next->key, attempt, {"", false, "", refusal});
   if (result.end != CommandResult::End::Stopped && std::exchange(attempt.refusal, refusal) != refusal)
     settings_.log("a submission was not taken and is tried again: " + attempt.refusal);
   // Whether it is there in spite of that, and whether Slurm is there at all, is known after the next look.
@@ -427,7 +475,7 @@ void SlurmLauncher::submit_pilots() {
   }
   // Slurm may have them nevertheless: the next look tells, and until then no others are submitted.
   is_in_doubt_ = true;
-  const std::string refusal = "sbatch: " + describe(result);
+  const std::string refusal = refusal_of(result);
   if (result.end != CommandResult::End::Stopped && std::exchange(pilot_refusal_, refusal) != refusal)
     settings_.log("pilots were not taken and are tried again: " + refusal);
 }

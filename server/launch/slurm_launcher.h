@@ -35,10 +35,12 @@ struct SlurmSettings {
   std::filesystem::path run;   ///< for token files, when the nodes share the data folder
   std::filesystem::path logs;  ///< for what workers print, the same
   PilotSettings pilots;
-  std::size_t max_logs = 64;                           ///< the oldest go first
-  std::chrono::milliseconds poll{10000};               ///< between two looks at the queue
-  std::chrono::milliseconds command_limit{30000};      ///< for sbatch, squeue and scancel to answer
-  std::chrono::milliseconds refusal_patience{600000};  ///< how long a submission that is refused is repeated
+  std::size_t max_logs = 64;                       ///< the oldest go first
+  std::chrono::milliseconds poll{10000};           ///< between two looks at the queue
+  std::chrono::milliseconds command_limit{30000};  ///< for sbatch, squeue and scancel to answer
+  /// How long a submission that is refused is repeated, and one that can never start is left waiting: whoever runs the
+  /// site may be at it.
+  std::chrono::milliseconds refusal_patience{600000};
   std::function<void(const std::string& line)> log = [](const std::string&) {};
 };
 
@@ -88,13 +90,15 @@ class SlurmLauncher final : public Launcher {
     } place = Place::ToSubmit;
     std::optional<LaunchRequest> request;  ///< nothing for one that an earlier daemon has submitted
     std::string batch_id;
-    bool has_its_turn = false;
+    std::optional<QueueNews> told;          ///< the last news of it
     bool is_unwanted = false;               ///< to be cancelled, until it is gone
     bool is_to_be_killed = false;           ///< and without waiting for its worker
     std::optional<SteadyTime> next_cancel;  ///< when scancel is called again; nothing: now
     bool is_excused = false;                ///< Slurm was not there when it was submitted
-    std::optional<SteadyTime> refused;      ///< since when sbatch has not taken it
-    std::optional<SteadyTime> not_before;   ///< of the next try
+    /// Since when sbatch has not taken it, or Slurm says that it can never start.
+    std::optional<SteadyTime> refused;
+    bool is_hopeless = false;              ///< sbatch said that no node could ever run it
+    std::optional<SteadyTime> not_before;  ///< of the next try
     std::string refusal;
   };
   struct Told {
@@ -107,7 +111,10 @@ class SlurmLauncher final : public Launcher {
   /// True when Slurm answers.
   bool look();
   void reconcile(const std::vector<BatchRow>& rows, SteadyTime now);
-  void follow(const AttemptKey& key, Attempt& attempt, const BatchRow& row);
+  /// Returns how it has ended, if it has.
+  std::optional<WorkerExit> follow(const AttemptKey& key, Attempt& attempt, const BatchRow& row, SteadyTime now);
+  /// Under the lock. Nothing when it is known already.
+  void tell_news(const AttemptKey& key, Attempt& attempt, QueueNews news);
   void cancel_unwanted();
   void scancel(const std::vector<std::string>& ids, bool by_force);
   /// False when there is none to submit, or the answer has to be waited for.
@@ -147,6 +154,7 @@ class SlurmLauncher final : public Launcher {
   std::set<std::string> spoiled_pilots_;      ///< ids of those that have ended badly, as far as Slurm still knows them
   std::chrono::milliseconds pilot_pause_{0};  ///< after such a one
   SteadyTime next_pilots_{};
+  std::string pilot_reason_;      ///< for which pilots can never start, at the last look; "" when they can
   std::string pilot_refusal_;     ///< the last one, "" when there was none since one was taken
   bool has_strays_ = false;       ///< at the last look
   std::set<std::string> strays_;  ///< ids of jobs of ours that no attempt knows, or knows twice

@@ -152,6 +152,7 @@ v1::JobProgress to_message(const JobProgress& progress) {
   message.set_is_resumed(progress.is_resumed);
   message.set_memory_bytes(progress.memory_bytes);
   message.set_cpu_seconds(progress.cpu_seconds);
+  message.set_waiting_for(progress.waiting_for);
   return message;
 }
 

@@ -140,7 +140,22 @@ ALTER TABLE job ADD COLUMN batch_id TEXT NOT NULL DEFAULT '';
 ALTER TABLE job ADD COLUMN begun INTEGER;
 )sql";
 
-constexpr const char* kMigrations[] = {kJobsAndBlobs, kSchedulingAndCheckpoints, kRetention, kOwners, kBatchSystem};
+// Where the batch system runs the attempt, and what became of those before: nobody has written that down until now.
+constexpr const char* kLostAttempts = R"sql(
+ALTER TABLE job ADD COLUMN batch_host TEXT NOT NULL DEFAULT '';
+CREATE TABLE lost_attempt (
+  job INTEGER NOT NULL REFERENCES job ON DELETE CASCADE,
+  attempt INTEGER NOT NULL,
+  reason TEXT NOT NULL,
+  batch_id TEXT NOT NULL,
+  host TEXT NOT NULL,
+  ended INTEGER NOT NULL,
+  PRIMARY KEY (job, attempt)
+) WITHOUT ROWID;
+)sql";
+
+constexpr const char* kMigrations[] = {kJobsAndBlobs, kSchedulingAndCheckpoints, kRetention, kOwners, kBatchSystem,
+                                       kLostAttempts};
 static_assert(std::size(kMigrations) == kSchemaVersion);
 
 std::int64_t pragma(Database& database, const char* sql) {

@@ -5,7 +5,7 @@
 namespace saltus::server {
 
 /// The schema that this program reads and writes: the number of migrations in schema.cpp.
-constexpr int kSchemaVersion = 5;
+constexpr int kSchemaVersion = 6;
 
 /// Sets the connection's durability and brings the database to `version`: one migration after the other, each in a
 /// transaction of its own that also sets user_version, so that a crash in between leaves a database of some whole

@@ -7,7 +7,7 @@ namespace {
   "SELECT sequence, revision, id, submitter, request_id, request_hash, spec, threads, priority, memory_bytes, "     \
   "limit_wall_seconds, limit_cpu_seconds, limit_memory_bytes, state, attempt, lost_attempts, crashes, not_before, " \
   "loss_reason, loss_message, token_hash, process, created, started, ended, failure_reason, failure_message, "      \
-  "batch_id, begun FROM job "
+  "batch_id, begun, batch_host FROM job "
 
 std::int64_t milliseconds(WallTime time) { return time.time_since_epoch().count(); }
 WallTime wall_time(std::int64_t value) { return WallTime(std::chrono::milliseconds(value)); }
@@ -88,6 +88,7 @@ JobRecord SqliteJobTable::record(Query& query) {
   job.failure = optional_failure(query);
   job.batch_id = query.text();
   job.begun = optional_time(query);
+  job.batch_host = query.text();
   return job;
 }
 
@@ -120,6 +121,18 @@ void SqliteJobTable::read_lists(JobRecord& job) {
     checkpoint.level = static_cast<int>(checkpoints.integer());
     checkpoint.iteration = static_cast<int>(checkpoints.integer());
     job.checkpoint = std::move(checkpoint);
+  }
+  Query losses =
+      database_.query("SELECT attempt, reason, batch_id, host, ended FROM lost_attempt WHERE job = ? ORDER BY attempt");
+  losses.bind(job.sequence);
+  while (losses.step()) {
+    LostAttempt lost;
+    lost.attempt = static_cast<int>(losses.integer());
+    lost.reason = losses.text();
+    lost.batch_id = losses.text();
+    lost.host = losses.text();
+    lost.ended = wall_time(losses.integer());
+    job.losses.push_back(std::move(lost));
   }
 }
 
@@ -270,14 +283,14 @@ void SqliteJobTable::update(JobRecord& job) {
   Query query = database_.query(
       "UPDATE job SET revision = ?, state = ?, attempt = ?, lost_attempts = ?, crashes = ?, not_before = ?, "
       "loss_reason = ?, loss_message = ?, token_hash = ?, process = ?, started = ?, ended = ?, failure_reason = ?, "
-      "failure_message = ?, batch_id = ?, begun = ? WHERE sequence = ?");
+      "failure_message = ?, batch_id = ?, begun = ?, batch_host = ? WHERE sequence = ?");
   query.bind(job.revision).bind(number(job.state)).bind(job.attempt).bind(job.lost_attempts).bind(job.crashes);
   query.bind_optional(milliseconds(job.not_before));
   bind_failure(query, job.last_loss);
   query.bind(job.token_hash).bind(job.process);
   query.bind_optional(milliseconds(job.started)).bind_optional(milliseconds(job.ended));
   bind_failure(query, job.failure);
-  query.bind(job.batch_id).bind_optional(milliseconds(job.begun));
+  query.bind(job.batch_id).bind_optional(milliseconds(job.begun)).bind(job.batch_host);
   query.bind(job.sequence).run();
   database_.query("DELETE FROM artifact WHERE job = ?").bind(job.sequence).run();
   std::int64_t position = 0;
@@ -290,6 +303,22 @@ void SqliteJobTable::update(JobRecord& job) {
         .bind(artifact.size)
         .run();
   write_checkpoint(job);
+  write_losses(job);
+}
+
+void SqliteJobTable::write_losses(const JobRecord& job) {
+  // Most jobs have none, and none of them is taken back.
+  if (job.losses.empty()) return;
+  database_.query("DELETE FROM lost_attempt WHERE job = ?").bind(job.sequence).run();
+  for (const LostAttempt& lost : job.losses)
+    database_.query("INSERT INTO lost_attempt (job, attempt, reason, batch_id, host, ended) VALUES (?, ?, ?, ?, ?, ?)")
+        .bind(job.sequence)
+        .bind(lost.attempt)
+        .bind(lost.reason)
+        .bind(lost.batch_id)
+        .bind(lost.host)
+        .bind(milliseconds(lost.ended))
+        .run();
 }
 
 void SqliteJobTable::write_checkpoint(const JobRecord& job) {

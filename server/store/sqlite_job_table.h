@@ -41,6 +41,7 @@ class SqliteJobTable final : public JobTable {
   JobRecord record(Query& query);
   void read_lists(JobRecord& job);
   void write_checkpoint(const JobRecord& job);
+  void write_losses(const JobRecord& job);
   Database& database_;
 };
 

@@ -83,6 +83,9 @@ TYPED_TEST(JobTableSuite, GivesBackEveryField) {
   job.token_hash = "#token";
   job.process = "42 1 boot";
   job.batch_id = "17";
+  job.batch_host = "node3";
+  job.losses = {{1, "NODE_FAILED", "16", "node2", WallTime(std::chrono::milliseconds(3))},
+                {2, "PREEMPTED", "", "", WallTime(std::chrono::milliseconds(4))}};
   job.begun = WallTime(std::chrono::milliseconds(7));
   job.started = WallTime(std::chrono::milliseconds(5));
   job.ended = WallTime(std::chrono::milliseconds(6));
@@ -113,12 +116,19 @@ TYPED_TEST(JobTableSuite, GivesBackEveryField) {
   EXPECT_EQ(found.token_hash, job.token_hash);
   EXPECT_EQ(found.process, job.process);
   EXPECT_EQ(found.batch_id, job.batch_id);
+  EXPECT_EQ(found.batch_host, job.batch_host);
+  EXPECT_EQ(found.losses, job.losses);
   EXPECT_EQ(found.begun, job.begun);
   EXPECT_EQ(found.created, job.created);
   EXPECT_EQ(found.started, job.started);
   EXPECT_EQ(found.ended, job.ended);
   EXPECT_EQ(found.failure, job.failure);
   EXPECT_EQ(found.artifacts, job.artifacts);
+
+  job.losses.erase(job.losses.begin());
+  job.losses.push_back({3, "STALLED", "18", "node1", WallTime(std::chrono::milliseconds(9))});
+  this->write([&](JobTable& table) { table.update(job); });
+  EXPECT_EQ(this->read([](JobReader& reader) { return reader.find("a"); })->losses, job.losses);
 }
 
 TYPED_TEST(JobTableSuite, ListsNewestFirstByStateAndFromAnyPlace) {

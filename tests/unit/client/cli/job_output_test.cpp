@@ -79,5 +79,15 @@ TEST(JobText, NamesTheFailure) {
   EXPECT_EQ(failure_line(job), "job job-1 was cancelled");
 }
 
+TEST(JobText, OfOneInABatchSystemSaysWhatItWaitsFor) {
+  v1::RegistrationJob job;
+  job.set_state(v1::JOB_STATE_RUNNING);
+  job.mutable_progress()->set_stage(v1::JOB_STAGE_WAITING);
+  EXPECT_THAT(job_text(job), testing::Not(HasSubstr("waits for")));
+  job.mutable_progress()->set_waiting_for("ReqNodeNotAvail, UnavailableNodes:node3");
+  EXPECT_THAT(job_text(job), HasSubstr("\nwaits for:  ReqNodeNotAvail, UnavailableNodes:node3\n"));
+  EXPECT_EQ(job_json(job)["progress"]["waiting_for"], "ReqNodeNotAvail, UnavailableNodes:node3");
+}
+
 }  // namespace
 }  // namespace saltus::cli

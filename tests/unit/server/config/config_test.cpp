@@ -82,6 +82,7 @@ class ConfigText : public testing::Test {
                                                            {"--slurm-worker", "/n/saltus-worker"},
                                                            {"--slurm-shared-data", "/n/data"},
                                                            {"--slurm-poll-seconds", "2.5"},
+                                                           {"--slurm-patience-seconds", "7.5"},
                                                            {"--slurm-pilots", "9"},
                                                            {"--slurm-pilot-memory", "2.5"},
                                                            {"--slurm-pilot-idle-seconds", "7"},

@@ -182,15 +182,53 @@ TEST_F(BatchAttempts, WhatTheBatchSystemDidIsTold) {
   }
 }
 
+TEST_F(BatchAttempts, WhyItWaitsIsShownUntilItBegins) {
+  const auto request = submit_with({});
+  const auto waiting_for = [&] {
+    const JobView view = manager->get(request.key.job_id);
+    return view.progress ? view.progress->waiting_for : "-";
+  };
+  launcher->tell(request.key, {"17", false, "", "Resources"});
+  EXPECT_EQ(stage(request), JobStage::Waiting);
+  EXPECT_EQ(waiting_for(), "Resources");
+  launcher->tell({request.key.job_id, 7}, {"18", false, "", "of another attempt"});
+  launcher->tell(request.key, {"17", false, "", "Priority"});
+  EXPECT_EQ(waiting_for(), "Priority");
+  launcher->tell({request.key.job_id, 7}, {"18", false, "", "of another attempt"});
+  EXPECT_EQ(waiting_for(), "Priority");
+  launcher->tell(request.key, {"17", true, "node3", ""});
+  EXPECT_EQ(waiting_for(), "-");
+}
+
+TEST_F(BatchAttempts, OneThatCanNeverStartFailsAtOnceWithWhatItAsksFor) {
+  NewJob job;
+  job.threads = 64;
+  job.memory_bytes = std::int64_t{3} << 30;
+  job.limits.wall_seconds = 7200;
+  submit(job);
+  settle();
+  const auto request = launcher->started().back();
+  launcher->end(request.key, {WorkerExit::Kind::NeverStarts, 0, "PartitionTimeLimit"});
+  const JobRecord failed = row(request);
+  EXPECT_EQ(failed.state, JobState::Failed);
+  EXPECT_EQ(failed.attempt, 1);
+  ASSERT_TRUE(failed.failure);
+  EXPECT_EQ(failed.failure->reason, "BATCH_NEVER_STARTS");
+  for (const char* text : {"PartitionTimeLimit", "64 threads", "3.0 GiB", "7200 s"})
+    EXPECT_THAT(failed.failure->message, ::testing::HasSubstr(text));
+}
+
 TEST_F(BatchAttempts, ALaterAttemptHasNothingOfTheOneBefore) {
   const auto first = submit_with({});
-  launcher->tell(first.key, {"17", true});
+  launcher->tell(first.key, {"17", true, "node3"});
   manager->acquire(first.key, first.token);
   launcher->end(first.key, {WorkerExit::Kind::NodeFailed});
   EXPECT_EQ(row(first).batch_id, "17");
+  EXPECT_EQ(row(first).last_loss->message, "the worker's machine failed (batch job 17 on node3)");
   wait_for_retry();
   EXPECT_EQ(row(first).attempt, 2);
   EXPECT_EQ(row(first).batch_id, "");
+  EXPECT_EQ(row(first).batch_host, "");
   EXPECT_FALSE(row(first).begun);
   launcher->tell(first.key, {"18", true});
   EXPECT_EQ(row(first).batch_id, "");

@@ -172,6 +172,44 @@ TEST_F(JobQueueTest, TheThirdLostAttemptIsTheLast) {
   EXPECT_THAT(job->failure->message, HasSubstr("exit code 3"));
 }
 
+TEST_F(JobQueueTest, TheLastWordOnALostAttemptNamesWhereTheOthersWere) {
+  queue.submit(table, asked());
+  const auto lose = [&](const char* batch_id, const char* host, LossCause cause) {
+    const AttemptKey lost = key(take());
+    queue.name(table, lost, batch_id, "");
+    queue.name(table, lost, batch_id, host);
+    EXPECT_FALSE(queue.name(table, lost, batch_id, host));
+    EXPECT_FALSE(queue.name(table, lost, batch_id, ""));
+    clock.advance(std::chrono::seconds(1));
+    return *queue.lose(table, lost, cause, "");
+  };
+  EXPECT_EQ(lose("17", "node1", LossCause::NodeFailed).last_loss->message,
+            "the worker's machine failed (batch job 17 on node1)");
+  EXPECT_EQ(lose("18", "", LossCause::Preempted).last_loss->message,
+            "the batch system ended the worker for the sake of others (batch job 18)");
+  EXPECT_EQ(take().job.batch_host, "");
+  queue.lose(table, {"job-1", 3}, LossCause::Released, "");
+  lose("19", "node2", LossCause::LeaseExpired);
+  const JobRecord job = lose("20", "node3", LossCause::NodeFailed);
+  EXPECT_EQ(
+      job.failure->message,
+      "attempt 3 of 3 was lost as well: the worker's machine failed (batch job 20 on node3); before it: NODE_FAILED "
+      "(batch job 17 on node1), PREEMPTED (batch job 18), LEASE_EXPIRED (batch job 19 on node2); the batch system "
+      "tells more of them");
+  ASSERT_EQ(job.losses.size(), 5u);
+  EXPECT_EQ(job.losses.front(), (LostAttempt{1, "NODE_FAILED", "17", "node1", clock.wall() - std::chrono::seconds(3)}));
+  EXPECT_EQ(job.losses.back().attempt, 5);
+}
+
+TEST_F(JobQueueTest, OfManyLostAttemptsTheNewestAreKept) {
+  queue.submit(table, asked());
+  for (int i = 0; i < 40; ++i) queue.lose(table, key(take()), LossCause::Preempted, "");
+  const auto losses = table.find("job-1")->losses;
+  ASSERT_EQ(losses.size(), kMostLostAttempts);
+  EXPECT_EQ(losses.front().attempt, 25);
+  EXPECT_EQ(losses.back().attempt, 40);
+}
+
 TEST_F(JobQueueTest, TheSecondDeathBySignalIsPoison) {
   queue.submit(table, asked());
   EXPECT_EQ(queue.lose(table, key(take()), LossCause::Crashed, "signal 11")->state, JobState::Queued);

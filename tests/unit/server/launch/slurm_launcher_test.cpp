@@ -31,6 +31,7 @@ class FakeSlurm {
   struct Job {
     std::string name, state = "PENDING", script;
     int wait_status = 0;
+    std::string host = "n/a", reason = "None";
     std::vector<std::string> arguments;
   };
 
@@ -56,6 +57,7 @@ class FakeSlurm {
   bool is_away = false;
   bool loses_answers = false;  ///< sbatch takes the job, and its answer gets lost
   std::string refuses;         ///< what sbatch says instead of taking a job
+  bool keeps_refused = false;  ///< what it refuses is in the queue all the same
   bool drops_scancel = false;  ///< scancel cannot reach the controller
   std::vector<std::vector<std::string>> cancels;
 
@@ -63,12 +65,18 @@ class FakeSlurm {
   static CommandResult failure(const std::string& text) { return {CommandResult::End::Exited, 1, "", text + "\n"}; }
 
   CommandResult sbatch(const Command& command) {
-    if (!refuses.empty()) return failure("sbatch: error: " + refuses);
     Job job;
     job.arguments = command.arguments;
     job.script = command.input;
     for (const std::string& argument : command.arguments)
       if (argument.starts_with("--job-name=")) job.name = argument.substr(11);
+    if (!refuses.empty() && keeps_refused) {
+      job.state = "FAILED";
+      job.wait_status = 1;
+      job.reason = "BadConstraints";
+      jobs[std::to_string(++last_id_)] = job;
+    }
+    if (!refuses.empty()) return failure("sbatch: error: " + refuses);
     const std::string id = std::to_string(++last_id_);
     int array = 0;
     for (const std::string& argument : command.arguments)
@@ -83,7 +91,8 @@ class FakeSlurm {
     ++looks;
     std::ostringstream out;
     for (const auto& [id, job] : jobs)
-      out << id << "   |" << job.name << "   |" << job.state << " |" << job.wait_status << "  \n";
+      out << id << "   |" << job.name << "   |" << job.state << " |" << job.wait_status << " |" << job.host << " |"
+          << job.reason << " \n";
     return {CommandResult::End::Exited, 0, out.str(), ""};
   }
 
@@ -284,12 +293,19 @@ TEST_F(SlurmLauncherTest, AnAnswerThatIsLostDoublesNothing) {
 }
 
 TEST_F(SlurmLauncherTest, AnswersThatMeanNothingAreNoAnswers) {
-  for (const char* text : {"oops\n", "1|a|RUNNING\n", "1|a|RUNNING|x\n", "|a|RUNNING|0\n", "1|a||0\n"})
+  for (const char* text :
+       {"oops\n", "1|a|RUNNING|0|n/a\n", "1|a|RUNNING|x|h|None\n", "|a|RUNNING|0|h|None\n", "1|a||0|h|None\n"})
     EXPECT_FALSE(parse_listing(text)) << text;
   EXPECT_THAT(*parse_listing(""), IsEmpty());
-  EXPECT_THAT(*parse_listing("7 |some|body's |RUNNING |0 \n"), IsEmpty());
-  const auto rows = *parse_listing("7_3   |a name  |RUNNING  |768 \n");
-  ASSERT_THAT(rows, SizeIs(1));
+  EXPECT_THAT(*parse_listing("7 |some|body's |RUNNING |0 |node1 |None \n"), IsEmpty());
+  const auto rows = *parse_listing(
+      "7_3   |a name  |PENDING  |768 |n/a  |ReqNodeNotAvail, UnavailableNodes:a  \n"
+      "8 |b |RUNNING |0 |node1 |None \n");
+  ASSERT_THAT(rows, SizeIs(2));
+  EXPECT_EQ(rows[0].host, "");
+  EXPECT_EQ(rows[0].reason, "ReqNodeNotAvail, UnavailableNodes:a");
+  EXPECT_EQ(rows[1].host, "node1");
+  EXPECT_EQ(rows[1].reason, "");
   EXPECT_EQ(rows[0].id, "7_3");
   EXPECT_EQ(rows[0].name, "a name");
   EXPECT_EQ(rows[0].wait_status, 768);
@@ -324,6 +340,104 @@ TEST_F(SlurmLauncherTest, ALimitOfTheSiteIsWaitedForHoweverLongItHolds) {
   slurm.refuses.clear();
   look();
   EXPECT_THAT(slurm.jobs, SizeIs(1));
+}
+
+TEST_F(SlurmLauncherTest, WhyItWaitsIsToldWheneverThatChanges) {
+  slurm.is_away = true;
+  launcher->start(request());
+  look();
+  EXPECT_EQ(news[key].back(), (QueueNews{"", false, "", "Slurm does not answer"}));
+  slurm.is_away = false;
+  slurm.refuses = "Invalid account";
+  look();
+  EXPECT_THAT(news[key].back().waiting_for, HasSubstr("sbatch: error: Invalid account"));
+  slurm.refuses.clear();
+  look();
+  only_job().reason = "Priority";
+  look();
+  EXPECT_EQ(news[key].back(), (QueueNews{"1", false, "", "Priority"}));
+  const std::size_t told = news[key].size();
+  pass(1h);
+  EXPECT_THAT(news[key], SizeIs(told));
+  only_job().reason = "Nodes required for job are DOWN, DRAINED";
+  look();
+  EXPECT_EQ(news[key].back(), (QueueNews{"1", false, "", "Nodes required for job are DOWN, DRAINED"}));
+  only_job().state = "RUNNING";
+  only_job().host = "node3";
+  only_job().reason = "None";
+  look();
+  EXPECT_EQ(news[key].back(), (QueueNews{"1", true, "node3", ""}));
+  slurm.is_away = true;
+  look();
+  EXPECT_TRUE(news[key].back().has_its_turn);
+}
+
+TEST_F(SlurmLauncherTest, WhatCanNeverStartEndsAfterAWhileAndIsTakenOut) {
+  launcher->start(request());
+  launcher->step();
+  only_job().reason = "PartitionTimeLimit";
+  pass(settings.refusal_patience);
+  EXPECT_THAT(exits, IsEmpty());
+  pass(settings.poll);
+  ASSERT_THAT(exits[key], SizeIs(1));
+  EXPECT_EQ(exits[key][0].kind, WorkerExit::Kind::NeverStarts);
+  EXPECT_EQ(exits[key][0].detail, "PartitionTimeLimit");
+  EXPECT_EQ(only_job().state, "CANCELLED");
+  EXPECT_TRUE(launcher->is_idle());
+}
+
+TEST_F(SlurmLauncherTest, WhatCanStartAfterAllIsNotEnded) {
+  launcher->start(request());
+  launcher->step();
+  for (int round = 0; round < 3; ++round) {
+    only_job().reason = "PartitionConfig";
+    pass(settings.refusal_patience - settings.poll);
+    only_job().reason = "Resources";
+    look();
+  }
+  pass(3 * settings.refusal_patience);
+  EXPECT_THAT(exits, IsEmpty());
+  EXPECT_EQ(only_job().state, "PENDING");
+}
+
+struct Hopeless {
+  const char* name;
+  const char* text;
+};
+class SlurmHopeless : public SlurmLauncherTest, public ::testing::WithParamInterface<Hopeless> {};
+
+TEST_P(SlurmHopeless, WhatNoNodeCouldRunIsNoDeathOfAWorker) {
+  for (const bool keeps_refused : {false, true}) {
+    slurm.keeps_refused = keeps_refused;
+    slurm.refuses = GetParam().text;
+    const LaunchRequest asked = request(keeps_refused ? "job-1" : "job-2");
+    launcher->start(asked);
+    pass(settings.refusal_patience - settings.poll);
+    EXPECT_THAT(exits, IsEmpty());
+    EXPECT_THAT(news[asked.key].back().waiting_for, HasSubstr(GetParam().text));
+    pass(3 * settings.poll);
+    ASSERT_THAT(exits[asked.key], SizeIs(1));
+    EXPECT_EQ(exits[asked.key][0].kind, WorkerExit::Kind::NeverStarts);
+    EXPECT_THAT(exits[asked.key][0].detail, HasSubstr(GetParam().text));
+    exits.clear();
+  }
+}
+
+INSTANTIATE_TEST_SUITE_P(
+    Slurm, SlurmHopeless,
+    ::testing::Values(Hopeless{"Memory", "Batch job submission failed: Requested node configuration is not available"},
+                      Hopeless{"Time", "Requested time limit is invalid (missing or exceeds some limit)"}),
+    [](const auto& info) { return std::string(info.param.name); });
+
+TEST_F(SlurmLauncherTest, ANodeThatLosesWhatAJobNeedsIsNoDeathOfItsWorker) {
+  launcher->start(request());
+  launcher->step();
+  only_job().state = "FAILED";
+  only_job().wait_status = 1;
+  only_job().reason = "BadConstraints";
+  look();
+  ASSERT_THAT(exits[key], SizeIs(1));
+  EXPECT_EQ(exits[key][0].kind, WorkerExit::Kind::NeverStarts);
 }
 
 TEST_F(SlurmLauncherTest, TheNextDaemonFindsWaitingRunningAndEndedOnes) {
@@ -488,6 +602,14 @@ TEST_F(PilotsTest, ThatEndBadlyAreNotSubmittedOverAndOver) {
   EXPECT_LE(slurm.jobs.size(), 13u);
   EXPECT_GE(slurm.jobs.size(), 8u);
   EXPECT_THAT(log, Contains(HasSubstr("a pilot has ended badly")));
+}
+
+TEST_F(PilotsTest, ThatCanNeverStartAreToldOnce) {
+  launcher->want_pilots(2);
+  look();
+  for (auto& [id, job] : slurm.jobs) job.reason = "PartitionConfig";
+  pass(1h);
+  EXPECT_THAT(log, ElementsAre(HasSubstr("pilots can never start there (PartitionConfig)")));
 }
 
 TEST_F(PilotsTest, AreNotDoubledWhenAnAnswerIsLost) {

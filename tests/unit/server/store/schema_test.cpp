@@ -18,9 +18,10 @@ using testing_support::kReleasedSchema2;
 using testing_support::kReleasedSchema3;
 using testing_support::kReleasedSchema4;
 using testing_support::kReleasedSchema5;
+using testing_support::kReleasedSchema6;
 
-constexpr const char* kReleased[] = {kReleasedSchema1, kReleasedSchema2, kReleasedSchema3, kReleasedSchema4,
-                                     kReleasedSchema5};
+constexpr const char* kReleased[] = {kReleasedSchema1, kReleasedSchema2, kReleasedSchema3,
+                                     kReleasedSchema4, kReleasedSchema5, kReleasedSchema6};
 static_assert(std::size(kReleased) == kSchemaVersion, "a new schema needs a fixture of its own");
 
 class SchemaTest : public ::testing::Test {
@@ -192,6 +193,24 @@ TEST_F(SchemaTest, TheFifthSchemaKeepsEverythingItHeldAndOlderAttemptsWereInNoBa
   older.execute(kReleasedSchema4);
   prepare_schema(older);
   EXPECT_EQ(SqliteJobTable(older).find("held")->batch_id, "");
+}
+
+TEST_F(SchemaTest, TheSixthSchemaKeepsLostAttemptsAndNobodyKnowsOlderOnes) {
+  database.execute(kReleasedSchema6);
+  prepare_schema(database);
+  expect_jobs_since_schema_2();
+  SqliteJobTable table(database);
+  EXPECT_EQ(table.find("held")->batch_host, "node3");
+  EXPECT_TRUE(table.find("held")->losses.empty());
+  EXPECT_THAT(table.find("retry")->losses, ElementsAre(LostAttempt{1, "STALLED", "76", "node2", at(2400)}));
+  table.erase("retry");
+  EXPECT_EQ(number("SELECT count(*) FROM lost_attempt"), 0);
+
+  Database older(folder / "older", Database::Access::ReadWrite);
+  older.execute(kReleasedSchema5);
+  prepare_schema(older);
+  EXPECT_EQ(SqliteJobTable(older).find("held")->batch_host, "");
+  EXPECT_TRUE(SqliteJobTable(older).find("retry")->losses.empty());
 }
 
 TEST_F(SchemaTest, SequencesOfDeletedJobsAreNotGivenAgain) {
