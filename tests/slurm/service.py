@@ -22,6 +22,7 @@ class Service:
         self.programs, self.folder, self.where, self.more = programs, folder, where, list(more)
         self.address = "unix:" + os.path.join(folder, "socket")
         self.daemon = None
+        self.place = None  # where the daemon kills itself, see core/support/failpoint.h
         self.log = os.path.join(folder, "saltusd.log")
 
     def path(self, *names):
@@ -36,11 +37,17 @@ class Service:
         self.kill()
 
     def start(self):
+        program = os.path.join(self.programs, "saltusd")
+        environment = dict(os.environ)
+        if self.place:
+            program = os.path.join(os.path.dirname(self.programs), "tests", "saltusd-failpoints")
+            environment["SALTUS_FAILPOINT"] = self.place
+            environment["SALTUS_FAILPOINT_ARMED"] = self.path("armed")
         self.daemon = subprocess.Popen(
-            self.where.here(os.path.join(self.programs, "saltusd"), "--data", self.path("data"), "--listen",
+            self.where.here(program, "--worker", os.path.join(self.programs, "saltus-worker"), "--data", self.path("data"), "--listen",
                             self.address, "--retry-seconds", "0.1", "--checkpoint-seconds", "0.1", "--lease-seconds",
                             "5", *self.more),
-            stdout=subprocess.PIPE, stderr=open(self.log, "ab"), text=True)
+            stdout=subprocess.PIPE, stderr=open(self.log, "ab"), text=True, env=environment)
         line = self.daemon.stdout.readline()
         assert line.startswith("listening on"), f"{line}\n{self.told()}"
         self.protected = ""
@@ -64,6 +71,17 @@ class Service:
         self.daemon.stdout.close()
         self.daemon = None
         return code
+
+    def arm(self):
+        """From now on the daemon kills itself when it comes to the place."""
+        with open(self.path("armed"), "wb"):
+            pass
+
+    def wait_for_death(self):
+        equal(self.daemon.wait(PATIENCE), -signal.SIGKILL, f"end at {self.place}")
+        self.daemon.stdout.close()
+        self.daemon, self.place = None, None
+        os.remove(self.path("armed"))
 
     def run(self, *words, check=True):
         done = subprocess.run([os.path.join(self.programs, "saltus"), *words], capture_output=True, text=True,

@@ -168,6 +168,33 @@ def time_limit(service, slurm):
     equal(failed["failure"]["reason"], "WALL_TIME")
 
 
+def never_starts(service, slurm):
+    """Why a job waits is shown; what Slurm can never start fails with a sentence, and is no crash of a worker. What waits
+    for a node that is drained goes on waiting."""
+    slurm.run("scontrol", "update", "partitionname=all", "MaxTime=60")
+    for more, reason, asks in ((["--memory", "100"], "Requested node configuration is not available", "100.0 GiB"),
+                               (["--threads", "64"], "PartitionConfig", "64 threads"),
+                               (["--wall-time", "120"], "PartitionTimeLimit", "7200 s")):
+        job = service.submit(*SHORT, *more)
+        service.wait(job, lambda j: reason in j.get("progress", {}).get("waiting_for", ""), "the reason to be shown")
+        failed = service.wait_for_state(job, "FAILED")
+        equal((failed["failure"]["reason"], failed["attempt"]), ("BATCH_NEVER_STARTS", 1), failed)
+        for text in (reason, asks):
+            assert text in failed["failure"]["message"], failed["failure"]
+    slurm.wait_until(lambda: not names_of_live(slurm), "Slurm's queue to be empty")
+    slurm.run("scontrol", "update", "nodename=" + slurm.host, "state=drain", "reason=test")
+    waiting = service.submit(*SHORT)
+    service.wait(waiting, lambda j: "DRAINED" in j.get("progress", {}).get("waiting_for", ""), "the reason to be shown")
+    text = service.run("get", waiting, "--server", service.address)
+    assert "waits for: " in text and "DRAINED" in text, text
+    # Longer than the patience.
+    since = time.monotonic()
+    found = service.wait(waiting, lambda j: time.monotonic() - since > 5, "to have waited for long")
+    equal((found["state"], found["attempt"]), ("RUNNING", 1))
+    slurm.run("scontrol", "update", "nodename=" + slurm.host, "state=resume")
+    equal(service.wait_for_state(waiting, "SUCCEEDED")["attempt"], 1)
+
+
 def daemon_restart(service, slurm):
     """kill -9, and an orderly stop: jobs that run and jobs that wait are the same afterwards, none twice."""
     running = service.submit(*LONG)
@@ -198,6 +225,23 @@ def daemon_restart(service, slurm):
     service.start()
     found = service.wait_for_work(running, attempt=2)
     equal(len(names_of_live(slurm)), 1)
+
+
+def killed_at_submission(service, slurm):
+    """kill -9 right before and right after sbatch: the job is done, and in Slurm once for each attempt."""
+    for place, attempts in (("slurm.submit.before", 2), ("slurm.submit.after", 1)):
+        service.kill()
+        service.place = place
+        service.start()
+        service.arm()
+        job = service.submit(*SHORT)
+        service.wait_for_death()
+        submitted = [name for _, name, _ in slurm.jobs() if job in name]
+        equal(len(submitted), 0 if place == "slurm.submit.before" else 1, f"submissions at a death at {place}")
+        service.start()
+        done = service.wait_for_state(job, "SUCCEEDED")
+        equal(done["attempt"], attempts, f"attempts after a death at {place}")
+        equal(len([name for _, name, _ in slurm.jobs() if job in name]), 1, f"submissions after a death at {place}")
 
 
 def controller_away(service, slurm):
@@ -254,7 +298,7 @@ def pilot_array(service, slurm):
 
 CASES = {case.__name__: case for case in (
     normal_run, shared_folder, token_on_node, cancel, node_drain, killed_job, cancelled_by_others, node_failure,
-    time_limit, daemon_restart, controller_away, several_hosts,
+    time_limit, never_starts, daemon_restart, killed_at_submission, controller_away, several_hosts,
     pilot_array)}
 
 
@@ -263,6 +307,8 @@ def run_case(folder, hosts=None):
         more = ["--launcher", "slurm", "--slurm-poll-seconds", "0.5"]
         if options.case == "shared_folder":
             more += ["--slurm-shared-data", os.path.join(folder, "data"), "--metrics", "127.0.0.1:0"]
+        if options.case == "never_starts":
+            more += ["--slurm-patience-seconds", "3"]
         if options.case == "pilot_array":
             more += ["--slurm-pilots", "2", "--slurm-pilot-idle-seconds", "3", "--threads-per-job", "1",
                      "--slurm-pilot-memory", "1"]

@@ -118,6 +118,24 @@ def daemon_restart(service, workers):
     equal(workers_of(running), [], "workers of the job")
 
 
+def killed_at_taking(service, workers):
+    """kill -9 when a job has been given away and before its worker knows: a next attempt does it."""
+    service.kill()
+    service.place = "commit.after"
+    service.start()
+    address = service.protected
+    service.more[service.more.index(address.rsplit(":", 1)[0] + ":0")] = address
+    job = service.submit(*SHORT)
+    # Nothing is written any more until the job is given to somebody.
+    service.arm()
+    workers.start()
+    service.wait_for_death()
+    service.start()
+    lost = service.wait(job, lambda j: "last_loss" in j, "the loss to be known")
+    equal(lost["last_loss"]["reason"], "LEASE_EXPIRED")
+    equal(service.wait_for_state(job, "SUCCEEDED")["attempt"], 2)
+
+
 def strangers(service, workers):
     """Without the role worker, a certificate, or TLS at all, nobody gets a job; and nobody who offers too little."""
     job = service.submit(*SHORT, "--threads", "2")
@@ -142,7 +160,8 @@ def strangers(service, workers):
     equal(large.wait(PATIENCE), 0)
 
 
-CASES = {case.__name__: case for case in (many_jobs, killed_work, orderly_end, daemon_restart, strangers)}
+CASES = {case.__name__: case for case in (many_jobs, killed_work, orderly_end, daemon_restart, killed_at_taking,
+                                              strangers)}
 
 
 def main():
