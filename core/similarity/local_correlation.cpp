@@ -89,7 +89,8 @@ class LocalCorrelation final : public Similarity<Dim, T> {
     const std::size_t row = stride_ * (planes * sizeof(T) + sizeof(double));  // of one quantity
     // Rows that the cache holds: those of five products go beyond a tile by its radius on both sides.
     const auto fit = static_cast<long>(kCacheBytes / (8 * row)) - (10 * radius_[1] + 7) / 8;
-    const int height = static_cast<int>(std::clamp<long>(fit, std::max(8, 2 * radius_[1]), size_[1] + 8));
+    const int least = std::max(8, 2 * radius_[1]);  // a tile's own rows are worth those beside it
+    const int height = static_cast<int>(std::clamp<long>(fit, least, std::max(least, size_[1])));
     const int bands = (size_[1] + height - 1) / height, chunks = (size_[2] + kMostPlanes - 1) / kMostPlanes;
     for (int chunk = 0; chunk < chunks; ++chunk)
       for (int band = 0; band < bands; ++band)
