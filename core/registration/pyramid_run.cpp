@@ -293,7 +293,7 @@ void PyramidRun<Dim>::count_round() {
 
 template <int Dim>
 bool PyramidRun<Dim>::report() {
-  now_.fraction = meter_.fraction();
+  now_.fraction = std::min(0.99, meter_.fraction());  // the whole is done when the last level has ended
   // By the speed of this round as soon as it has one: a site costs more where first orders take part.
   if (round_work_ >= 2.0 * static_cast<double>(images_.lattice.sites()))
     seconds_per_work_ = round_watch_.seconds() / round_work_;
@@ -311,17 +311,18 @@ bool PyramidRun<Dim>::accept(const MinimiseStep& taken) {
   expect_of_level();
   now_.similarity = parts.similarity;
   if (checkpointing_.offer) {
-    now_.fraction = meter_.fraction();
+    now_.fraction = std::min(0.99, meter_.fraction());
     checkpointing_.offer(now_, [this] { return make_checkpoint(); });
   }
   return report();
 }
 
-/// Where first orders are to be asked for, the rounds with them are expected only when they are let in.
+/// Where first orders are to be asked for, most levels leave them out: of their rounds a quarter of one is expected
+/// until it is known.
 template <int Dim>
 void PyramidRun<Dim>::expect_of_level() {
   const bool is_alone = decides_ && level_.rounds == 1;
-  const auto rounds_left = is_alone ? 0.0 : static_cast<double>(rounds_.size()) - level_.rounds;
+  const auto rounds_left = is_alone ? 0.25 : static_cast<double>(rounds_.size()) - level_.rounds;
   // Blocks that join may keep an energy going that had settled.
   const bool may_join = rounds_[static_cast<std::size_t>(level_.rounds) - 1].lets_blocks_join && objective_->has_more();
   const double least = may_join ? std::min(5, how_.max_iterations - reached_.minimiser.iterations()) : 0;
