@@ -38,8 +38,8 @@ class Run {
   std::vector<Row> rows_;
 };
 
-RegistrationOptions sliding(SimilarityType similarity = SimilarityType::Ssd) {
-  RegistrationOptions options = default_options(Model::Sliding, similarity, Preset::Balanced);
+RegistrationOptions defaults(SimilarityType similarity = SimilarityType::Ssd) {
+  RegistrationOptions options = default_options(Model::Auto, similarity, Preset::Balanced);
   options.threads = 1;
   return options;
 }
@@ -77,10 +77,10 @@ void add_large_motion(Run& run) {
     PhantomOptions phantom = default_phantom_options(PhantomKind::Smooth);
     phantom.size = {272, 272, 1};
     phantom.displacement_mm = 40;
-    return measure<2>("large motion, 40 voxels", pair_of<2>(phantom), sliding());
+    return measure<2>("large motion, 40 voxels", pair_of<2>(phantom), defaults());
   });
   run.add("thorax, 20 mm", [] {
-    RegistrationOptions options = default_options(Model::Sliding, SimilarityType::Lncc, Preset::Fast);
+    RegistrationOptions options = default_options(Model::Auto, SimilarityType::Lncc, Preset::Fast);
     options.pyramid.finest_level = 1;
     options.threads = 1;
     return measure<3>("thorax, 20 mm", pair_of<3>(default_phantom_options(PhantomKind::Thorax)), options);
@@ -93,7 +93,7 @@ void add_slips(Run& run) {
   for (int degrees : angles)
     for (int px : slips) {
       const std::string name = "slip of " + std::to_string(px) + " px at " + std::to_string(degrees) + " degrees";
-      run.add(name, [&] { return measure<2>(name, pair_of<2>(slip(run, px, degrees)), sliding()); });
+      run.add(name, [&] { return measure<2>(name, pair_of<2>(slip(run, px, degrees)), defaults()); });
     }
 }
 
@@ -101,7 +101,7 @@ void add_interfaces(Run& run) {
   const auto layered = [&](const std::string& name, LayeredScene::Shape shape) {
     run.add(name, [&, shape] {
       const ImageGrid<2> grid = square(run.edge());
-      return measure<2>(name, pair_of<2>(std::make_shared<LayeredScene>(shape, grid), grid, 0.03), sliding());
+      return measure<2>(name, pair_of<2>(std::make_shared<LayeredScene>(shape, grid), grid, 0.03), defaults());
     });
   };
   const double middle = 0.5 * (run.edge() - 1), edge = run.edge();
@@ -114,7 +114,7 @@ void add_discretisation(Run& run) {
   for (int steps : {1, 2}) {
     const std::string name = "time steps: " + std::to_string(steps);
     run.add(name, [&] {
-      RegistrationOptions options = sliding();
+      RegistrationOptions options = defaults();
       options.flow.time_steps = steps;
       return measure<2>(name, pair_of<2>(slip(run, 12)), options);
     });
@@ -122,7 +122,7 @@ void add_discretisation(Run& run) {
   for (int width : {2, 40}) {
     const std::string name = "sigma of " + std::to_string(width) + " voxels";
     run.add(name, [&] {
-      RegistrationOptions options = sliding();
+      RegistrationOptions options = defaults();
       options.momenta.width_voxels = width;
       return measure<2>(name, pair_of<2>(slip(run, 6)), options);
     });
@@ -150,7 +150,7 @@ void add_shapes(Run& run) {
     PhantomOptions phantom = default_phantom_options(PhantomKind::Slip, 3);
     phantom.size = {run.is_quick() ? 32 : 64, run.is_quick() ? 32 : 64, 10};
     phantom.spacing = {1, 1, 10};
-    RegistrationOptions options = sliding();
+    RegistrationOptions options = defaults();
     options.pyramid.finest_level = 0;
     if (run.is_quick()) options.optimisation.max_iterations = 30;
     return measure<3>("spacing 1 x 1 x 10", pair_of<3>(phantom), options);
@@ -161,7 +161,7 @@ void add_shapes(Run& run) {
     ImageGrid<3> grid = phantom_grid<3>(phantom);
     grid.size[2] = 3;
     grid.origin[2] = 2;  // inside the scene, whose own border does not count
-    RegistrationOptions options = sliding();
+    RegistrationOptions options = defaults();
     options.pyramid.finest_level = 0;
     if (run.is_quick()) options.optimisation.max_iterations = 30;
     return measure<3>(
@@ -170,7 +170,7 @@ void add_shapes(Run& run) {
   run.add("2 x 2 images", [] {
     const auto pair = pair_without_truth(
         square(2), [](int x, int y) { return float(x + 2 * y); }, [](int x, int y) { return float(y + 2 * x); });
-    return measure<2>("2 x 2 images", pair, sliding());
+    return measure<2>("2 x 2 images", pair, defaults());
   });
 }
 
@@ -180,7 +180,7 @@ void add_contents(Run& run) {
   const auto constant = [](float value) { return [value](int, int) { return value; }; };
   const auto still = [](const std::string& name, const Pair<2>& pair) {
     std::optional<RegistrationResult<2>> result;
-    Row row = measure<2>(name, pair, sliding(), Expected::Result, &result);
+    Row row = measure<2>(name, pair, defaults(), Expected::Result, &result);
     if (result && largest_difference(result->displacement, VectorVolume<2>(pair.input.fixed.grid)) > 0)
       row.complaints.push_back("something moved");
     return row;
@@ -196,7 +196,7 @@ void add_contents(Run& run) {
   run.add("no overlap", [&] {
     Pair<2> pair = pair_without_truth(grid, texture, texture);
     pair.input.moving.grid.origin = {1000, 1000};
-    return measure<2>("no overlap", pair, sliding(), Expected::Refusal);
+    return measure<2>("no overlap", pair, defaults(), Expected::Refusal);
   });
   for (const auto& [what, value] :
        {std::pair{"NaN", std::numeric_limits<float>::quiet_NaN()}, {"Inf", std::numeric_limits<float>::infinity()}}) {
@@ -204,7 +204,7 @@ void add_contents(Run& run) {
     run.add(name, [&] {
       Pair<2> pair = pair_without_truth(grid, texture, texture);
       pair.input.moving.samples[100] = value;
-      return measure<2>(name, pair, sliding(), Expected::Refusal);
+      return measure<2>(name, pair, defaults(), Expected::Refusal);
     });
   }
 }
@@ -215,7 +215,7 @@ void add_intensities(Run& run) {
       Pair<2> pair = pair_of<2>(slip(run, 6));
       for (Volume<2>* image : {&pair.input.fixed, &pair.input.moving})
         for (float& sample : image->samples) sample = static_cast<float>(factor * sample + offset);
-      return measure<2>(name, pair, sliding());
+      return measure<2>(name, pair, defaults());
     });
   };
   changed("intensity x 1e-6", 1e-6, 0);
@@ -234,7 +234,7 @@ void add_intensities(Run& run) {
       const double n = static_cast<double>(samples.size()), sd = std::sqrt(squares / n - sum * sum / (n * n));
       const auto [low, high] = std::minmax_element(samples.begin(), samples.end());
       phantom.noise = sd / (*high - *low);
-      return measure<2>(name, pair_of<2>(phantom), sliding(similarity));
+      return measure<2>(name, pair_of<2>(phantom), defaults(similarity));
     });
   }
 }
@@ -247,7 +247,7 @@ void add_contrasts(Run& run) {
     run.add(name, [&, similarity] {
       Pair<2> pair = pair_of<2>(slip(run, 6));
       for (float& sample : pair.input.fixed.samples) sample = 255 - sample;
-      Row row = measure<2>(name, pair, sliding(similarity));
+      Row row = measure<2>(name, pair, defaults(similarity));
       const double *before = row.find("before_mm"), *error = row.find("error_mm");
       if (!before || !error || !(*error < 0.5 * *before)) row.complaints.push_back("the motion is not found");
       return row;
@@ -261,9 +261,10 @@ void add_machine(Run& run) {
     run.add(name, [&, similarity] {
       PhantomOptions phantom = slip(run, 6);
       phantom.size = {64, 64, 1};
-      RegistrationOptions options = sliding(similarity);
+      RegistrationOptions options = defaults(similarity);
       options.momenta.scales = 3;
       options.momenta.finest_scale = options.momenta.first_order_finest_scale = 0;
+      options.momenta.orientations = 0;  // one round from a given start: nothing is turned
       options.optimisation.max_iterations = 20;
       return compare_precision<2>(name, pair_of<2>(phantom), options);
     });
@@ -274,7 +275,7 @@ void add_machine(Run& run) {
       PhantomOptions phantom = slip(run, 6);
       phantom.size = {64, 64, 1};
       const Pair<2> pair = pair_of<2>(phantom);
-      RegistrationOptions options = sliding(similarity);
+      RegistrationOptions options = defaults(similarity);
       options.optimisation.max_iterations = 20;
       std::optional<RegistrationResult<2>> alone, together;
       Row row = measure<2>(name, pair, options, Expected::Result, &alone);

@@ -45,7 +45,8 @@ std::vector<Row> slip_rows(bool is_quick, std::ostream& log) {
   std::vector<Row> rows;
   for (const auto& [scene, phantom] : scenes) {
     Pair<2> pair = pair_of<2>(phantom);
-    for (Model model : {Model::Gaussian, Model::Wendland, Model::Wendland1, Model::Directional, Model::Sliding}) {
+    for (Model model :
+         {Model::Gaussian, Model::Wendland, Model::Wendland1, Model::Directional, Model::Sliding, Model::Auto}) {
       pair.input.direction.reset();
       if (model == Model::Directional) pair.input.direction = normals(*pair.scene, pair.input.fixed.grid);
       RegistrationOptions options = default_options(model, SimilarityType::Ssd, Preset::Balanced);
