@@ -61,7 +61,8 @@ TEST(Findings, CallNothingASlideThatHasNoFirstOrderMomenta) {
   scene.result.momenta.pop_back();  // order 0 is left
   EXPECT_FALSE(analyse(scene.report).may_slide);
   const auto smooth = finding(Verdict::Look, "smooth, since no first-order momenta take part, but along 32 mm");
-  EXPECT_THAT(findings_of(scene), AllOf(Contains(smooth), Not(Contains(Field(&Finding::text, HasSubstr("The motion slides"))))));
+  EXPECT_THAT(findings_of(scene),
+              AllOf(Contains(smooth), Not(Contains(Field(&Finding::text, HasSubstr("The motion slides"))))));
   scene.options.model = Model::Auto;
   EXPECT_THAT(findings_of(scene), Contains(finding(Verdict::Look, "auto found that they gain too little")));
   ReportScene<2> unused(3);
