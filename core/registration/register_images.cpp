@@ -6,6 +6,7 @@
 #include "core/registration/input_checks.h"
 #include "core/registration/move_points.h"
 #include "core/registration/pyramid_run.h"
+#include "core/slip/measure_slip.h"
 #include "core/support/errors.h"
 
 #include <algorithm>
@@ -73,8 +74,14 @@ RegistrationResult<Dim> register_images(const RegistrationInput<Dim>& input, con
   result.moved_points = move_points(input, flow, velocities, run.scales(), objective.working_set().pointers(momenta));
   const bool is_conserved = run.scales().size() == 1 && !run.scales()[0]->oriented();
   summary.hamiltonian_drift = is_conserved ? drift_of(objective.hamiltonians(momenta)) : -1;
+  // The momenta go with the run; what jumps by them is a short list.
+  std::vector<JumpElements<Dim>> jumps;
+  for (std::size_t s = 0; s < run.scales().size(); ++s)
+    for (auto& of_kernel : jump_elements<Dim, float>(*run.scales()[s], objective.working_set().pointers(momenta)[s]))
+      jumps.push_back(std::move(of_kernel));
   run.release();
   const Field<float> backward = write_fields(input, flow, velocities, result);
+  result.slip = measure_slip<Dim>(jumps, {flow, velocities, input.fixed.grid, backward, input.start});
   summarise_similarity(run.pyramid().full_resolution(), options, backward, result);
   run.count_time();
   summary.seconds = run.summary().seconds;

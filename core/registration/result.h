@@ -3,6 +3,7 @@
 #include "core/flow/discontinuous/transported_point.h"
 #include "core/grid/volume.h"
 #include "core/registration/options.h"
+#include "core/slip/slip_surface.h"
 
 #include <string>
 #include <vector>
@@ -96,6 +97,7 @@ struct RegistrationResult {
   Volume<Dim> jacobian;                    ///< det D(x + u(x)) on the fixed grid
   std::vector<MomentumField<Dim>> momenta;
   std::vector<TransportedPoint<Dim>> moved_points;  ///< the input's fixed_points in the moving image, by particles
+  SlipSurface<Dim> slip;                            ///< where first-order momenta make the motion slide, fixed image
   RegistrationOptions options;                      ///< as used: everything automatic filled in
   RegistrationSummary summary;
 };

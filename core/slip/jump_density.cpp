@@ -1,0 +1,186 @@
+#include "core/slip/jump_density.h"
+
+#include "core/grid/interpolation.h"
+#include "core/kernels/separable_convolution.h"
+#include "core/support/errors.h"
+
+#include <Eigen/Geometry>
+
+#include <algorithm>
+#include <cmath>
+#include <utility>
+
+namespace saltus {
+namespace {
+
+constexpr double kCut = 4;           // of the Gaussian, in standard deviations
+constexpr double kAcrossStep = 0.5;  // of the smoothing
+
+template <int Dim>
+Lattice<Dim> finest_with_elements(const std::vector<JumpElements<Dim>>& elements) {
+  const Lattice<Dim>* finest = nullptr;
+  for (const JumpElements<Dim>& scale : elements)
+    if (!scale.list.empty() && (!finest || scale.lattice.cell_volume() < finest->cell_volume()))
+      finest = &scale.lattice;
+  if (!finest)
+    throw InvalidInput("a density of jumps was asked for, and no momentum makes one; ask for it where one does");
+  return *finest;
+}
+
+/// Adds value times a hat as wide as two cells of `from`, which sums to 1, to the samples around `at`.
+template <int Dim>
+void add_hat(const Lattice<Dim>& lattice, const Lattice<Dim>& from, const Vector<Dim>& place, const Matrix<Dim>& tensor,
+             float* values) {
+  Index<Dim> low, count;
+  std::array<std::vector<double>, Dim> weights;
+  for (int a = 0; a < Dim; ++a) {
+    const double half = std::max(from.spacing[a], lattice.spacing[a]);
+    const int begin = static_cast<int>(std::ceil((place[a] - half - lattice.offset[a]) / lattice.spacing[a]));
+    const int end = static_cast<int>(std::floor((place[a] + half - lattice.offset[a]) / lattice.spacing[a]));
+    double sum = 0;
+    for (int i = begin; i <= end; ++i) {
+      weights[a].push_back(std::max(0.0, 1 - std::abs(lattice.offset[a] + i * lattice.spacing[a] - place[a]) / half));
+      sum += weights[a].back();
+    }
+    for (double& weight : weights[a]) weight /= sum * lattice.spacing[a];
+    low[a] = begin;
+    count[a] = end - begin + 1;
+  }
+  Lattice<Dim> patch;
+  patch.size = count;
+  for (int slab = 0; slab < count[Dim - 1]; ++slab)
+    visit_slab<Dim>(patch, slab, [&](const Index<Dim>& index, std::size_t) {
+      double weight = 1;
+      std::size_t site = 0, stride = 1;
+      for (int a = 0; a < Dim; ++a) {
+        const int at = low[a] + index[a];
+        if (at < 0 || at >= lattice.size[a]) return;
+        weight *= weights[a][static_cast<std::size_t>(index[a])];
+        site += stride * static_cast<std::size_t>(at);
+        stride *= static_cast<std::size_t>(lattice.size[a]);
+      }
+      float* sum = values + Dim * Dim * site;
+      for (int c = 0; c < Dim; ++c)
+        for (int a = 0; a < Dim; ++a) sum[Dim * c + a] += static_cast<float>(weight * tensor(c, a));
+    });
+}
+
+/// Two unit vectors, or one, that span the plane with this normal: the frame's axes where those lie in it.
+template <int Dim>
+std::array<Vector<Dim>, Dim - 1> plane_axes(const Vector<Dim>& normal) {
+  if constexpr (Dim == 2) {
+    return {Vector<2>(-normal[1], normal[0])};
+  } else {
+    Eigen::Index least = 0;
+    normal.cwiseAbs().minCoeff(&least);
+    const Vector<3> first = normal.cross(Vector<3>::Unit(least)).normalized();
+    return {first, normal.cross(first)};
+  }
+}
+
+/// k0 at whole multiples of about a sample of `lattice` along `axis`, with sum 1, and those places.
+template <int Dim>
+std::vector<std::pair<double, double>> lateral_weights(const Lattice<Dim>& lattice, const Vector<Dim>& axis,
+                                                       double width) {
+  double square = 0;
+  for (int a = 0; a < Dim; ++a) square += std::pow(axis[a] * lattice.spacing[a], 2);
+  const double step = std::sqrt(square);
+  const int count = static_cast<int>(width / step);
+  std::vector<std::pair<double, double>> weights;
+  double sum = 0;
+  for (int k = -count; k <= count; ++k) {
+    weights.emplace_back(k * step, std::pow(1 - std::abs(k) * step / width, 2));
+    sum += weights.back().second;
+  }
+  for (auto& [place, weight] : weights) weight /= sum;
+  return weights;
+}
+
+/// Adds an element, over the plane that it covers.
+template <int Dim>
+void add_element(const Lattice<Dim>& lattice, const JumpElements<Dim>& of, const JumpElement<Dim>& element,
+                 float* values) {
+  const auto axes = plane_axes<Dim>(element.normal);
+  const Matrix<Dim> tensor = element.strength * element.normal.transpose();
+  for (const auto& [first, weight] : lateral_weights<Dim>(of.lattice, axes[0], of.width_mm)) {
+    const Vector<Dim> at = element.at + first * axes[0];
+    if constexpr (Dim == 2)
+      add_hat<Dim>(lattice, of.lattice, at, weight * tensor, values);
+    else
+      for (const auto& [second, other] : lateral_weights<Dim>(of.lattice, axes[1], of.width_mm))
+        add_hat<Dim>(lattice, of.lattice, at + second * axes[1], weight * other * tensor, values);
+  }
+}
+
+}  // namespace
+
+template <int Dim>
+JumpDensity<Dim>::JumpDensity(const std::vector<JumpElements<Dim>>& elements)
+    : lattice_(finest_with_elements(elements)) {
+  const int radius = static_cast<int>(std::ceil(kCut * kSmoothing));
+  const Lattice<Dim> whole = lattice_;
+  for (int a = 0; a < Dim; ++a) {
+    double low = whole.size[a] - 1, high = 0;
+    for (const JumpElements<Dim>& scale : elements)
+      for (const JumpElement<Dim>& element : scale.list) {
+        const double at = (element.at[a] - whole.offset[a]) / whole.spacing[a];
+        const double reach = radius + (scale.width_mm + scale.lattice.spacing[a]) / whole.spacing[a];
+        low = std::min(low, at - reach);
+        high = std::max(high, at + reach);
+      }
+    const int begin = std::max(0, static_cast<int>(std::floor(low)));
+    const int end = std::min(whole.size[a], static_cast<int>(std::ceil(high)) + 1);
+    lattice_.size[a] = end - begin;
+    lattice_.offset[a] = whole.offset[a] + begin * whole.spacing[a];
+  }
+  values_.assign(Dim * Dim * lattice_.sites(), 0.0f);
+  for (const JumpElements<Dim>& scale : elements)
+    for (const JumpElement<Dim>& element : scale.list) add_element<Dim>(lattice_, scale, element, values_.data());
+
+  std::vector<float> taps(2 * static_cast<std::size_t>(radius) + 1);
+  double sum = 0;
+  for (int t = -radius; t <= radius; ++t) sum += std::exp(-t * t / (2 * kSmoothing * kSmoothing));
+  for (int t = -radius; t <= radius; ++t)
+    taps[static_cast<std::size_t>(t + radius)] =
+        static_cast<float>(std::exp(-t * t / (2 * kSmoothing * kSmoothing)) / sum);
+  std::vector<float> smoothed(values_.size());
+  for (int axis = 0; axis < Dim; ++axis) {
+    convolve_axis<Dim, float>(lattice_, Dim * Dim, axis, taps, Combine::Replace, values_.data(), smoothed.data());
+    std::swap(values_, smoothed);
+  }
+}
+
+template <int Dim>
+double JumpDensity<Dim>::smoothing_along(const Vector<Dim>& direction) const {
+  double square = 0;
+  for (int a = 0; a < Dim; ++a) square += std::pow(direction[a] * lattice_.spacing[a], 2);
+  return kSmoothing * std::sqrt(square);
+}
+
+template <int Dim>
+Vector<Dim> JumpDensity<Dim>::jump_across(const Vector<Dim>& x, const Vector<Dim>& n) const {
+  const double step = kAcrossStep * smoothing_along(n);
+  const int count = static_cast<int>(std::lround(kCut / kAcrossStep));
+  Vector<Dim> sum = Vector<Dim>::Zero();
+  for (int k = -count; k <= count; ++k) {
+    std::array<double, Dim> at;
+    bool is_inside = true;
+    for (int a = 0; a < Dim; ++a) {
+      at[a] = (x[a] + k * step * n[a] - lattice_.offset[a]) / lattice_.spacing[a];
+      is_inside = is_inside && at[a] > -1 && at[a] < lattice_.size[a];
+    }
+    if (!is_inside) continue;
+    const LinearCell<Dim, double> cell(lattice_, at);
+    for (int bits = 0; bits < LinearCell<Dim, double>::corners; ++bits) {
+      const float* tensor = values_.data() + Dim * Dim * cell.corner(bits);
+      for (int c = 0; c < Dim; ++c)
+        for (int a = 0; a < Dim; ++a) sum[c] += cell.weight(bits) * step * tensor[Dim * c + a] * n[a];
+    }
+  }
+  return sum;
+}
+
+template class JumpDensity<2>;
+template class JumpDensity<3>;
+
+}  // namespace saltus

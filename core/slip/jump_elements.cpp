@@ -1,0 +1,85 @@
+#include "core/slip/jump_elements.h"
+
+#include <algorithm>
+#include <cmath>
+
+namespace saltus {
+namespace {
+
+/// sigma / mass 2 k0'(0+), with the sigma of the sum; 0 for kernels that are smooth there.
+double jump_of_unit(const KernelProfile& k0, double sigma) {
+  constexpr double near = 1e-4;
+  const double fall = 1 - k0.value(near * k0.width());  // quadratic in `near` where k0 is smooth
+  return fall > 0.1 * near ? -sigma / k0.mass() * 2 * fall / (near * k0.width()) : 0;
+}
+
+template <int Dim, class T>
+void add_faces(const MomentumScale<Dim, T>& scale, const T* first, double unit,
+               std::vector<JumpElement<Dim>>& elements) {
+  const Lattice<Dim>& lattice = scale.lattice();
+  for (int axis = 0; axis < Dim; ++axis) {
+    const T* field = first + static_cast<std::size_t>(axis) * scale.field_size();
+    for (int slab = 0; slab < lattice.size[Dim - 1]; ++slab)
+      visit_slab<Dim>(lattice, slab, [&](const Index<Dim>& index, std::size_t site) {
+        // Beyond the last sample there is no face, whatever stands there.
+        if (index[axis] + 1 >= lattice.size[axis]) return;
+        Vector<Dim> at, strength;
+        for (int a = 0; a < Dim; ++a) {
+          at[a] = lattice.offset[a] + (index[a] + (a == axis ? 0.5 : 0.0)) * lattice.spacing[a];
+          strength[a] = unit * static_cast<double>(field[Dim * site + a]);
+        }
+        if (strength.squaredNorm() > 0) elements.push_back({at, Vector<Dim>::Unit(axis), strength});
+      });
+  }
+}
+
+template <int Dim, class T>
+void add_oriented(const OrientedMomenta<Dim, T>& oriented, const MomentumPointers<T>& momenta,
+                  std::vector<JumpElement<Dim>>& elements) {
+  using Oriented = OrientedMomenta<Dim, T>;
+  const OrientedOptions<Dim>& options = oriented.options();
+  const double unit = -6 / options.width_mm * options.weight * options.lattice.cell_volume();
+  std::vector<T> corners;
+  oriented.place(*momenta.elements, corners);
+  for (std::size_t e = 0; e < momenta.elements->size(); ++e) {
+    const auto place = Oriented::placement(corners.data() + Oriented::kCornerValues * e);
+    const Matrix<Dim> axes = place.axes.template cast<double>();
+    Vector<Dim> strength = Vector<Dim>::Zero();
+    for (int j = 1; j < Dim; ++j)
+      strength +=
+          unit * static_cast<double>(momenta.oriented[Oriented::kComponents * e + j - 1]) * axes.row(j).transpose();
+    if (strength.squaredNorm() > 0)
+      elements.push_back({place.at.template cast<double>(), axes.row(0).transpose(), strength});
+  }
+}
+
+}  // namespace
+
+template <int Dim, class T>
+std::vector<JumpElements<Dim>> jump_elements(const MomentumScale<Dim, T>& scale, const MomentumPointers<T>& momenta) {
+  std::vector<JumpElements<Dim>> found;
+  const KernelSum& kernel = scale.options().kernel;
+  const double factor = scale.options().first_weight * scale.lattice().cell_volume();
+  for (const KernelComponent& component : kernel.components()) {
+    const double unit = factor * component.weight * jump_of_unit(*component.profile, kernel.width());
+    if (unit == 0 || !momenta.first) continue;
+    found.push_back({scale.lattice(), component.profile->width(), {}});
+    add_faces(scale, momenta.first, unit, found.back().list);
+  }
+  if (scale.oriented() && momenta.elements && !momenta.elements->empty()) {
+    found.push_back({scale.lattice(), scale.oriented()->options().width_mm, {}});
+    add_oriented(*scale.oriented(), momenta, found.back().list);
+  }
+  std::erase_if(found, [](const JumpElements<Dim>& elements) { return elements.list.empty(); });
+  return found;
+}
+
+#define SALTUS_JUMP_ELEMENTS(DIM, T) \
+  template std::vector<JumpElements<DIM>> jump_elements(const MomentumScale<DIM, T>&, const MomentumPointers<T>&);
+SALTUS_JUMP_ELEMENTS(2, float)
+SALTUS_JUMP_ELEMENTS(3, float)
+SALTUS_JUMP_ELEMENTS(2, double)
+SALTUS_JUMP_ELEMENTS(3, double)
+#undef SALTUS_JUMP_ELEMENTS
+
+}  // namespace saltus

@@ -1,0 +1,37 @@
+#pragma once
+
+#include "core/flow/geodesic_shooting.h"
+#include "core/momenta/momentum_scale.h"
+
+#include <vector>
+
+namespace saltus {
+
+/// What one first-order momentum adds to the singular part [v] n^T delta of D v. Positions: mm in the frame.
+template <int Dim>
+struct JumpElement {
+  Vector<Dim> at;
+  Vector<Dim> normal;
+  Vector<Dim> strength;  ///< integral of [v] over its plane, mm^Dim per unit time
+};
+
+/// Those of one kernel, over whose planes [v] falls as the kernel does: the product of k0(r_j), C0 Wendland of this
+/// width, for the coordinates in the plane.
+template <int Dim>
+struct JumpElements {
+  Lattice<Dim> lattice;  ///< on which the momenta live
+  double width_mm = 1;
+  std::vector<JumpElement<Dim>> list;
+};
+
+/// The jumps of a scale's initial velocity: of the m_i, at the faces they lie on, and of its oriented momenta. The
+/// derivative of k0 falls by 2 |k0'(0+)| at 0, so that a momentum m in cells of volume V makes v jump, over its plane,
+///
+///     integral of [v] = a_1 V w_q (sigma / mass_q) 2 k0_q'(0+) m         (-6 a_1 V / sigma m for one C0 Wendland).
+///
+/// Momenta of 0, and those of kernels that are smooth at 0, make none and are not listed. One list for each kernel of a
+/// sum that jumps.
+template <int Dim, class T>
+std::vector<JumpElements<Dim>> jump_elements(const MomentumScale<Dim, T>& scale, const MomentumPointers<T>& momenta);
+
+}  // namespace saltus

@@ -1,0 +1,108 @@
+// Where momenta make a velocity jump, and by how much. Oracles: the synthesised velocity itself on both sides, and
+// sheets in closed form.
+#include "core/slip/jump_density.h"
+
+#include <gtest/gtest.h>
+
+#include "core/support/errors.h"
+#include "tests/unit/core/slip/made_sheet.h"
+
+namespace saltus {
+namespace {
+
+/// A scale with a flat sheet of m_axis, vector c, at the faces above sample `at`.
+template <int Dim>
+struct FaceSheet {
+  std::unique_ptr<MomentumScale<Dim, double>> scale;
+  std::vector<double> first;
+  Vector<Dim> vector;
+
+  FaceSheet(int axis, int at, KernelSum kernel) {
+    MomentumScaleOptions<Dim> options;
+    options.kernel = kernel;
+    options.lattice.size.fill(33);
+    for (int a = 0; a < Dim; ++a) options.lattice.spacing[a] = 1 + 0.2 * a;
+    options.lattice.offset.fill(0.3);
+    options.orders = Orders::First;
+    options.first_weight = 2;
+    scale = std::make_unique<MomentumScale<Dim, double>>(options);
+    first.assign(Dim * scale->field_size(), 0.0);
+    for (int c = 0; c < Dim; ++c) vector[c] = 0.1 * (c + 1);
+    for (int slab = 0; slab < options.lattice.size[Dim - 1]; ++slab)
+      visit_slab<Dim>(options.lattice, slab, [&](const Index<Dim>& index, std::size_t site) {
+        if (index[axis] != at) return;
+        for (int c = 0; c < Dim; ++c)
+          first[static_cast<std::size_t>(axis) * scale->field_size() + Dim * site + c] = vector[c];
+      });
+  }
+  std::vector<JumpElements<Dim>> elements() const {
+    MomentumPointers<double> momenta;
+    momenta.first = first.data();
+    return jump_elements<Dim, double>(*scale, momenta);
+  }
+};
+
+template <int Dim>
+void expect_the_jump_of_the_velocity(int axis) {
+  constexpr int at = 15;
+  // Wide enough for the velocity between two samples to be what it is beside the sheet, but for 1 - h / 2 sigma.
+  const double width = 12;
+  FaceSheet<Dim> sheet(axis, at, make_wendland_profile(width));
+  const Lattice<Dim>& lattice = sheet.scale->lattice();
+  std::vector<double> velocity(sheet.scale->field_size());
+  sheet.scale->synthesise(nullptr, sheet.first.data(), velocity.data());
+  std::size_t middle = 0, stride = 1, step = 0;
+  Vector<Dim> x;
+  for (int a = 0; a < Dim; ++a) {
+    const int i = a == axis ? at : 16;
+    if (a == axis) step = stride;
+    middle += stride * static_cast<std::size_t>(i);
+    stride *= static_cast<std::size_t>(lattice.size[a]);
+    x[a] = lattice.offset[a] + (i + (a == axis ? 0.5 : 0.0)) * lattice.spacing[a];
+  }
+  const JumpDensity<Dim> density(sheet.elements());
+  const Vector<Dim> found = density.jump_across(x, Vector<Dim>::Unit(axis));
+  for (int c = 0; c < Dim; ++c) {
+    const double jump = velocity[Dim * (middle + step) + c] - velocity[Dim * middle + c];
+    const double sampled = 1 - lattice.spacing[axis] / (2 * width);
+    EXPECT_NEAR(found[c] * sampled, jump, 1e-3 * std::abs(jump)) << axis << " " << c;
+  }
+}
+
+TEST(JumpDensity, JumpsByWhatTheVelocityDoes) {
+  for (int axis : {0, 1}) expect_the_jump_of_the_velocity<2>(axis);
+  for (int axis : {0, 2}) expect_the_jump_of_the_velocity<3>(axis);
+}
+
+TEST(JumpDensity, KnowsNoneOfKernelsThatAreSmooth) {
+  EXPECT_TRUE(FaceSheet<2>(0, 15, make_gaussian_profile(9)).elements().empty());
+  EXPECT_THROW(JumpDensity<2>(FaceSheet<2>(0, 15, make_gaussian_profile(9)).elements()), InvalidInput);
+}
+
+// Elements of one sheet on two lattices, one twice as coarse, add up.
+TEST(JumpDensity, AddsScales) {
+  JumpElements<2> fine{{{41, 41}, {1, 1}, {0, 0}}, 3, {}}, coarse{{{21, 21}, {2, 2}, {0, 0}}, 6, {}};
+  const Vector<2> n(0, 1), t(1, 0);
+  for (int i = 0; i < 41; ++i) fine.list.push_back({Vector<2>(i, 20.5), n, 0.75 * t});
+  for (int i = 0; i < 21; ++i) coarse.list.push_back({Vector<2>(2 * i, 21), n, 2 * 0.25 * t});
+  const Vector<2> found = JumpDensity<2>({coarse, fine}).jump_across(Vector<2>(20, 20.5), n);
+  EXPECT_NEAR(found[0], 1, 1e-3);
+  EXPECT_NEAR(found[1], 0, 1e-6);
+}
+
+// Steps up and to the side, as momenta along the axes make of an oblique line: what they are is one line.
+TEST(JumpDensity, SeesTheSlopeOfAStaircase) {
+  JumpElements<2> steps{{{61, 61}, {1, 1}, {0, 0}}, 3, {}};
+  const Vector<2> jump(2, 1);
+  for (int i = 5; i < 56; ++i) {
+    // Two to the right, one up: each step has its length times the jump.
+    steps.list.push_back({Vector<2>(i, std::floor(i / 2.0) + 10.5), Vector<2>(0, 1), jump});
+    if (i % 2 == 1) steps.list.push_back({Vector<2>(i + 0.5, std::floor(i / 2.0) + 11), Vector<2>(-1, 0), jump});
+  }
+  const Vector<2> n = Vector<2>(-1, 2).normalized();
+  const Vector<2> found = JumpDensity<2>({steps}).jump_across(Vector<2>(30, 25.75), n);
+  EXPECT_NEAR((found - jump).norm(), 0, 0.03 * jump.norm());
+}
+
+}  // namespace
+}  // namespace saltus
