@@ -100,6 +100,8 @@ void add_register_command(CLI::App& app, int& exit_code) {
   add_tls_options(*command, options->server);
   command->add_flag("--json", options->as_json, "Print job and report as JSON");
   command->footer(
+      "DIR holds displacement, inverse_displacement, warped, jacobian, the momenta, transform.h5, interface.csv and\n"
+      "interface.vtp (where it slides: points, normals, area, tangential jump, gap), report.json, report.html.\n"
       "Ctrl-C cancels the job. Exit codes: 0 done, 1 failed, 2 usage, 3 server not reachable, 4 cancelled.\n"
       "Examples:\n"
       "  saltus register --fixed exhale.nii.gz --moving inhale.nii.gz --out result\n"

@@ -1,6 +1,7 @@
 #include "server/worker/registration_job.h"
 
 #include "core/image_io/affine_start.h"
+#include "core/image_io/slip_surface_io.h"
 #include "core/image_io/write_image.h"
 #include "core/image_io/write_transform.h"
 #include "core/registration/register_images.h"
@@ -171,6 +172,8 @@ class Run {
     for (std::size_t i = 0; i < result_.momenta.size(); ++i)
       write_vector_volume(file(momentum_name(i + 1, result_.momenta[i]) + suffix), result_.momenta[i].vectors);
     write_transform(file("transform.h5"), result_.displacement);
+    write_slip_csv(file("interface.csv"), result_.slip);
+    write_slip_vtp(file("interface.vtp"), result_.slip);
   }
 
   void write_reports() {

@@ -27,9 +27,9 @@ struct TaskCheckpoints {
 
 /// Reads the inputs, registers, and writes into `folder`: displacement, inverse_displacement, warped and jacobian in
 /// the output format, the initial momenta (momentum_<n>_order<o>, one file each, coarse to fine as in report.json),
-/// transform.h5, report.json and report.html. Returns the names of the files. Throws TaskFailure or TaskStopped;
-/// messages name files without their folder. A checkpoint that does not fit the task is dropped: it never changes what
-/// comes out.
+/// transform.h5, interface.csv and interface.vtp (core/slip/slip_surface.h), report.json and report.html. Returns the
+/// names of the files. Throws TaskFailure or TaskStopped; messages name files without their folder. A checkpoint that
+/// does not fit the task is dropped: it never changes what comes out.
 std::vector<std::string> run_registration_task(const RegistrationTask& task, const std::filesystem::path& folder,
                                                const TaskObserver& observer, const TaskCheckpoints& checkpoints = {});
 

@@ -29,7 +29,7 @@ TEST_F(EndToEnd, RegistersWithoutAServerAndLeavesNothingBehind) {
   EXPECT_THAT(outcome.err, HasSubstr("succeeded"));
   expect_shift(out / "displacement.mha");
   for (const char* name : {"inverse_displacement.mha", "warped.mha", "jacobian.mha", "momentum_1_order0.mha",
-                           "transform.h5", "report.json", "report.html"})
+                           "transform.h5", "interface.csv", "interface.vtp", "report.json", "report.html"})
     EXPECT_TRUE(std::filesystem::exists(out / name)) << name;
   EXPECT_TRUE(std::filesystem::is_empty(folder / "tmp"));
 }

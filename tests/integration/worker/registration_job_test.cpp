@@ -72,7 +72,8 @@ class RegistrationJobTest : public testing::Test {
 TEST_F(RegistrationJobTest, WritesEveryArtefactAndReportsItsStages) {
   const auto names = run();
   EXPECT_THAT(names, IsSupersetOf({"displacement.mha", "inverse_displacement.mha", "warped.mha", "jacobian.mha",
-                                   "momentum_1_order0.mha", "transform.h5", "report.json", "report.html"}));
+                                   "momentum_1_order0.mha", "transform.h5", "interface.csv", "interface.vtp",
+                                   "report.json", "report.html"}));
   for (const std::string& name : names) EXPECT_GT(std::filesystem::file_size(results / name), 0u) << name;
   EXPECT_EQ(static_cast<std::size_t>(std::distance(std::filesystem::directory_iterator(results), {})), names.size());
   EXPECT_EQ(stages, (std::vector{TaskStage::Validating, TaskStage::Optimising, TaskStage::Writing}));
