@@ -90,7 +90,7 @@ class SlipSurface(unittest.TestCase):
         for row in main:
             self.assertAlmostEqual(math.hypot(row["normal_x"], row["normal_y"]), 1, delta=1e-6)
             self.assertAlmostEqual(math.hypot(row["jump_x"], row["jump_y"]), row["jump_mm"], delta=1e-5)
-        report = self.report("slides")["interface"]
+        report = self.report("slides")["slip_surface"]
         self.assertEqual(report["points"], len(rows))
         self.assertAlmostEqual(report["length_mm"], sum(row["length_mm"] for row in rows), delta=1e-3)
         self.assertEqual(report["parts"], 1 + max(row["part"] for row in rows))
@@ -112,7 +112,7 @@ class SlipSurface(unittest.TestCase):
         self.assertEqual(self.rows("smooth"), [])
         points, verts, data = polydata(os.path.join(self.folder, "smooth", "interface.vtp"))
         self.assertEqual((points, verts["offsets"], data["jump_mm"]), ([], [], []))
-        self.assertEqual(self.report("smooth")["interface"]["points"], 0)
+        self.assertEqual(self.report("smooth")["slip_surface"]["points"], 0)
         with open(os.path.join(self.folder, "smooth", "report.html")) as file:
             self.assertIn("No sliding interface found", file.read())
 

@@ -1,5 +1,7 @@
 #include "server/worker/report/analysis.h"
 
+#include "server/worker/report/slip_marks.h"
+
 #include <algorithm>
 
 namespace saltus::report {
@@ -15,6 +17,8 @@ Analysis<Dim> analyse(const ReportInput<Dim>& input) {
   found.may_slide = result.summary.active_first_order_share > 0 &&
                     std::any_of(result.momenta.begin(), result.momenta.end(),
                                 [](const MomentumField<Dim>& field) { return field.axis >= 0; });
+  found.slip = summarise(result.slip);
+  found.strongest_slip = strongest_slip(result.slip, input.input->fixed.grid);
   found.folded = count_folded(result.jacobian, found.interface);
   found.share_beyond_moving = share_carried_beyond(result.displacement, input.input->moving.grid);
   return found;

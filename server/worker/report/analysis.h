@@ -21,6 +21,8 @@ struct Analysis {
   /// Whether first-order momenta take part. Without them the motion is smooth, and what `interface` holds is change
   /// that the voxels are too coarse to tell from a jump.
   bool may_slide = false;
+  SlipSummary slip;                           ///< of the result's slip surface
+  std::optional<Vector<Dim>> strongest_slip;  ///< continuous index; empty: nothing slides
   FoldedVoxels folded;
   double share_beyond_moving = 0;  ///< of the fixed voxels whose x + u(x) lies outside the moving image
 };

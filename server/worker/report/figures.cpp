@@ -8,6 +8,7 @@
 #include "server/worker/report/landmark_marks.h"
 #include "server/worker/report/panels.h"
 #include "server/worker/report/pictures.h"
+#include "server/worker/report/slip_marks.h"
 #include "server/worker/report/viewer.h"
 
 #include <algorithm>
@@ -48,7 +49,7 @@ class Figures {
   bool has_start() const { return !(input_.input->start == AffineMap<Dim>{}); }
 
   std::vector<SlicePlane<Dim>> planes(int longest_side) const {
-    const auto& strongest = analysis_.interface.strongest;
+    const auto& strongest = analysis_.may_slide ? analysis_.strongest_slip : analysis_.interface.strongest;
     return strongest ? planes_through(*strongest, input_.input->fixed.grid, longest_side)
                      : choose_planes(input_.result->displacement, longest_side);
   }
@@ -152,32 +153,65 @@ class Figures {
   }
 
   std::string interface_part() const {
-    const DetectedInterface<Dim>& found = analysis_.interface;
-    const std::string least = number(found.threshold_mm) + " mm";
-    if (found.faces.empty())
-      return "<p>The displacement jumps nowhere by " + least +
-             " between neighbouring voxels, the least that is looked for: the motion that was found is smooth.</p>\n";
-    const double most = found.slip_mm.p90 > 0 ? found.slip_mm.p90 : found.slip_mm.max;
+    const bool is_empty = analysis_.may_slide ? !(analysis_.slip.area > 0) : analysis_.interface.faces.empty();
+    if (is_empty)
+      return "<p>No sliding interface found: " +
+             (analysis_.may_slide ? "no momentum makes the motion jump by " + number(least_jump()) + " mm."
+                                  : "the displacement jumps nowhere by " + number(least_jump()) +
+                                        " mm between neighbouring voxels, the least that is looked for.") +
+             " The motion that was found is smooth.</p>\n";
+    const double most = largest_shown();
+    const ImageGrid<Dim>& grid = input_.input->fixed.grid;
     const std::string picture = panels_.figure(
         analysis_.may_slide ? "Tangential jump" : "Tangential change",
-        "of u across the interface that was found in it; faint squares: the interface lies in the slice",
+        analysis_.may_slide
+            ? "of u, along the surface that first-order momenta make (within half a slice); squares: it lies in the "
+              "slice"
+            : "of u across the interface that was found in it; faint squares: the interface lies in the slice",
         [&](const SlicePlane<Dim>& plane) {
           return Panels<Dim>::image(plane, pictures_.fixed(plane), "Tangential jump") +
                  Panels<Dim>::overlay(plane, "interface",
-                                      interface_paths(found, input_.input->fixed.grid, plane, most));
+                                      analysis_.may_slide ? slip_marks(input_.result->slip, grid, plane, most)
+                                                          : interface_paths(analysis_.interface, grid, plane, most));
         },
         colour_bar(interface_colour, {"0", number(most / 2), number(most) + " and more"}, "mm"));
-    return std::string("<p>") +
-           (analysis_.may_slide
-                ? ""
-                : "No first-order momenta take part, so the motion is smooth: these are places where it "
-                  "changes within few voxels. ") +
-           "Found in the displacement alone, wherever its change between two neighbouring voxels is at least " + least +
-           " and not explained by the slopes beside it. The jump is split into slip along the interface and opening "
-           "across it.</p>\n" +
-           (Dim == 2 ? "<div class=\"columns\">" + picture + "<div>" + jump_table() + jump_chart() + "</div></div>\n"
-                     : Panels<Dim>::gallery({picture}, GalleryWidth::Whole) + "<div class=\"columns\">" + jump_table() +
+    const std::string figures = analysis_.may_slide ? slip_line() : jump_table();
+    return "<p>" + origin_of_interface() + "</p>\n" +
+           (Dim == 2 ? "<div class=\"columns\">" + picture + "<div>" + figures + jump_chart() + "</div></div>\n"
+                     : Panels<Dim>::gallery({picture}, GalleryWidth::Whole) + "<div class=\"columns\">" + figures +
                            jump_chart() + "</div>\n");
+  }
+
+  double least_jump() const {
+    return analysis_.may_slide ? input_.result->slip.least_jump_mm : analysis_.interface.threshold_mm;
+  }
+
+  double largest_shown() const {
+    if (analysis_.may_slide) return analysis_.slip.jump_p95_mm;
+    const Statistics& slip = analysis_.interface.slip_mm;
+    return slip.p90 > 0 ? slip.p90 : slip.max;
+  }
+
+  std::string origin_of_interface() const {
+    if (analysis_.may_slide)
+      return "The surface that the first-order momenta make, in the fixed image; point by point in interface.csv and "
+             "interface.vtp. The jump is that of u, taken from both sides; the gap is measured where both sides lie in "
+             "the moving image. Jumps below " +
+             number(least_jump()) + " mm are left out.";
+    return "No sliding interface found: no first-order momenta take part, so the motion is smooth. These are places "
+           "where it changes within few voxels, found in the displacement alone, wherever its change between two "
+           "neighbouring voxels is at least " +
+           number(least_jump()) +
+           " mm and not explained by the slopes beside it. The jump is split into slip along the interface and opening "
+           "across it.";
+  }
+
+  std::string slip_line() const {
+    const SlipSummary& slip = analysis_.slip;
+    return "<div><p>" + number(slip.area) + (Dim == 2 ? " mm" : " mm\u00b2") + " in " + std::to_string(slip.parts) +
+           (slip.parts == 1 ? " part" : " parts") + "; tangential jump " + number(slip.jump_mean_mm) +
+           " mm in the mean, on 95 % of it below " + number(slip.jump_p95_mm) + " mm; on 95 % of it the gap is below " +
+           number(slip.gap_p95_mm) + " mm and the overlap below " + number(slip.overlap_p95_mm) + " mm.</p></div>";
   }
 
   std::string jump_table() const {
@@ -193,27 +227,39 @@ class Figures {
            "</div>";
   }
 
+  /// Sizes and what they stand for, ready to be summed up.
+  using Sizes = std::vector<std::pair<double, double>>;
+
   std::string jump_chart() const {
     // Share of the interface that jumps by at least so much.
-    const auto curve = [&](const std::string& name, const auto& size_of) {
-      std::vector<std::pair<double, double>> sizes;
-      for (const auto& face : analysis_.interface.faces) sizes.emplace_back(size_of(face), face.extent);
+    const auto curve = [](const std::string& name, Sizes sizes) {
       std::sort(sizes.begin(), sizes.end());
+      double all = 0;
+      for (const auto& [size, extent] : sizes) all += extent;
       Curve shares{name, {{0, 100}}};
-      double left = analysis_.interface.extent;
+      double left = all;
       const std::size_t step = sizes.size() / 200 + 1;
       for (std::size_t i = 0; i < sizes.size(); ++i) {
-        if (i % step == 0 || i + 1 == sizes.size())
-          shares.points.emplace_back(sizes[i].first, 100 * left / analysis_.interface.extent);
+        if (i % step == 0 || i + 1 == sizes.size()) shares.points.emplace_back(sizes[i].first, 100 * left / all);
         left -= sizes[i].second;
       }
       return shares;
     };
+    Sizes slips, gaps;
+    if (analysis_.may_slide)
+      for (const SlipPoint<Dim>& point : input_.result->slip.points) {
+        slips.emplace_back(point.jump.norm(), point.area);
+        gaps.emplace_back(std::abs(point.gap_mm), point.area);
+      }
+    else
+      for (const InterfaceFace<Dim>& face : analysis_.interface.faces) {
+        slips.emplace_back(face.slip_mm, face.extent);
+        gaps.emplace_back(std::abs(face.opening_mm), face.extent);
+      }
     return to_svg({.title = "Interface with at least this jump",
                    .x_label = "jump [mm]",
                    .y_label = "share [%]",
-                   .curves = {curve("slip", [](const auto& face) { return face.slip_mm; }),
-                              curve("opening or closing", [](const auto& face) { return std::abs(face.opening_mm); })},
+                   .curves = {curve("slip", std::move(slips)), curve("opening or closing", std::move(gaps))},
                    .y_starts_at_zero = true});
   }
 
@@ -248,9 +294,9 @@ class Figures {
     if (Dim == 2) return "";
     std::ostringstream text;
     text << "<p>Slices "
-         << (analysis_.interface.strongest
+         << ((analysis_.may_slide ? analysis_.strongest_slip : analysis_.interface.strongest)
                  ? "through the point of the largest tangential " +
-                       std::string(analysis_.may_slide ? "jump" : "change") + " (summed over the faces around it)"
+                       std::string(analysis_.may_slide ? "jump" : "change") + " (summed over the interface around it)"
                  : "where u varies most from place to place (largest sum of |gradient of u| over the slice)")
          << ": voxel ";
     const Vector<Dim>& position = panels_.planes().front().position;

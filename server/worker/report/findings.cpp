@@ -10,9 +10,9 @@ using namespace drawing;
 
 namespace {
 
-constexpr double much_beyond = 0.02;  // of the fixed voxels
-constexpr double much_gap = 0.25;     // of the slip
-constexpr double much_drift = 0.01;   // of the Hamiltonian
+constexpr double much_beyond = 0.02;      // of the fixed voxels
+constexpr double much_gap_at_most = 0.5;  // of the mean slip, 95 % of the surface
+constexpr double much_drift = 0.01;       // of the Hamiltonian
 constexpr double inverse_in_voxels = 0.5;
 
 std::string plural(std::size_t n, const std::string& one) {
@@ -66,27 +66,38 @@ Finding fold_finding(const Analysis<Dim>& analysis) {
                             "coarser start holds it back."};
 }
 
+/// "12.3 cm²", "48 mm".
+template <int Dim>
+std::string area_text(double area) {
+  if (Dim == 2) return number(area) + " mm";
+  return area >= 100 ? number(area / 100) + " cm\u00b2" : number(area) + " mm\u00b2";
+}
+
+template <int Dim>
+Finding slip_finding(const SlipSummary& slip) {
+  if (!(slip.area > 0)) return {Verdict::Good, "No sliding interface found: no momentum makes the motion jump."};
+  const std::string text = "The motion slides along " + area_text<Dim>(slip.area) + " of interface, by " +
+                           number(slip.jump_mean_mm) + " mm (mean; 95 % of it below " + number(slip.jump_p95_mm) +
+                           ", largest " + number(slip.jump_max_mm) + " mm)";
+  const std::string gaps = "the sides come apart by up to " + number(slip.gap_p95_mm) + " mm and overlap by up to " +
+                           number(slip.overlap_p95_mm) + " mm (95 % of it)";
+  if (std::max(slip.gap_p95_mm, slip.overlap_p95_mm) <= much_gap_at_most * slip.jump_mean_mm)
+    return {Verdict::Good, text + "; across it " + gaps + "."};
+  return {Verdict::Look, text + ", but across it " + gaps + ", which tissue that only slides does not."};
+}
+
 template <int Dim>
 Finding interface_finding(const ReportInput<Dim>& input, const Analysis<Dim>& analysis) {
+  if (analysis.may_slide) return slip_finding<Dim>(analysis.slip);
   const DetectedInterface<Dim>& interface = analysis.interface;
   if (interface.faces.empty())
     return {Verdict::Good, "The motion found is smooth: nowhere does it jump by " + number(interface.threshold_mm) +
                                " mm between neighbouring voxels."};
-  if (!analysis.may_slide)
-    return {Verdict::Look,
-            "The motion found is smooth, since no first-order momenta take part" +
-                std::string(input.options->model == Model::Auto ? " (auto found that they gain too little)" : "") +
-                ", but along " + extent_text(interface) + " it changes by " + number(interface.slip_mm.median) +
-                " mm (median) from voxel to voxel. Where tissue slides there, --model sliding lets it."};
-  const Statistics &slip = interface.slip_mm, &gap = interface.gap_mm;
-  const std::string text = "The motion slides along " + extent_text(interface) + " of interface, by " +
-                           number(slip.median) + " mm (median; 90 % below " + number(slip.p90) + ", largest " +
-                           number(slip.max) + " mm)";
-  const std::string opening = number(gap.median) + " mm";
-  if (gap.median <= much_gap * slip.median)
-    return {Verdict::Good, text + "; across it the sides open or close by " + opening + " (median)."};
-  return {Verdict::Look, text + ", but across it the sides also open or close by " + opening +
-                             " (median), which tissue that only slides does not."};
+  return {Verdict::Look,
+          "The motion found is smooth, since no first-order momenta take part" +
+              std::string(input.options->model == Model::Auto ? " (auto found that they gain too little)" : "") +
+              ", but along " + extent_text(interface) + " it changes by " + number(interface.slip_mm.median) +
+              " mm (median) from voxel to voxel. Where tissue slides there, --model sliding lets it."};
 }
 
 std::vector<Finding> level_findings(const RegistrationSummary& summary) {

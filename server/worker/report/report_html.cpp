@@ -58,9 +58,12 @@ std::string cards(const ReportInput<Dim>& input, const Analysis<Dim>& analysis) 
   const DisplacementMeasures& displacement = analysis.displacement;
   html += card("Displacement, largest", number(displacement.max_mm) + " mm",
                "mean " + number(displacement.mean_mm) + " mm");
-  if (const DetectedInterface<Dim>& interface = analysis.interface; !interface.faces.empty())
-    html += card(analysis.may_slide ? "Slip across the interface" : "Steepest change, smooth",
-                 number(interface.slip_mm.median) + " mm",
+  if (analysis.may_slide && analysis.slip.area > 0)
+    html += card("Slip across the interface", number(analysis.slip.jump_mean_mm) + " mm",
+                 "mean; 95 % below " + number(analysis.slip.jump_p95_mm) + " mm, largest " +
+                     number(analysis.slip.jump_max_mm) + " mm");
+  if (const DetectedInterface<Dim>& interface = analysis.interface; !analysis.may_slide && !interface.faces.empty())
+    html += card("Steepest change, smooth", number(interface.slip_mm.median) + " mm",
                  "median; 90 % below " + number(interface.slip_mm.p90) + " mm, largest " +
                      number(interface.slip_mm.max) + " mm");
   const JacobianStatistics& jacobian = analysis.jacobian;

@@ -65,6 +65,20 @@ Json describe(const DetectedInterface<Dim>& interface, bool may_slide) {
   return json;
 }
 
+template <int Dim>
+Json describe(const SlipSurface<Dim>& surface, const Analysis<Dim>& analysis, const ImageGrid<Dim>& fixed) {
+  const SlipSummary& slip = analysis.slip;
+  Json json{{"points", surface.points.size()}, {"parts", slip.parts}};
+  json[Dim == 2 ? "length_mm" : "area_mm2"] = slip.area;
+  if (surface.points.empty()) return json;
+  json["least_jump_mm"] = surface.least_jump_mm;
+  json["jump_mm"] = {{"mean", slip.jump_mean_mm}, {"p95", slip.jump_p95_mm}, {"max", slip.jump_max_mm}};
+  json["gap_p95_mm"] = slip.gap_p95_mm;
+  json["overlap_p95_mm"] = slip.overlap_p95_mm;
+  json["strongest_mm"] = list(fixed.to_world(*analysis.strongest_slip));
+  return json;
+}
+
 Json describe(const LevelSummary& level) {
   Json json = {{"level", level.level},
                {"grid", level.grid},
@@ -157,6 +171,7 @@ std::string report_json(const ReportInput<Dim>& input) {
                       {"sd_log", jacobian.sd_log}};
   json["folded_voxels"] = {{"n", analysis.folded.n}, {"off_interface", analysis.folded.off_interface}};
   json["interface"] = describe(analysis.interface, analysis.may_slide);
+  json["slip_surface"] = describe(result.slip, analysis, input.input->fixed.grid);
   json["share_beyond_moving"] = analysis.share_beyond_moving;
   json["findings"] = Json::array();
   for (const Finding& finding : findings(input, analysis))

@@ -53,7 +53,15 @@ TEST(Findings, MeasureTheSlip) {
   EXPECT_EQ(analysis.interface.faces.size(), 16u);
   EXPECT_NEAR(analysis.interface.extent, 16 * 2, 1e-9);
   EXPECT_THAT(findings_of(scene), Contains(finding(Verdict::Good, "slides along 32 mm of interface, by 6 mm")));
-  EXPECT_THAT(findings_of(ReportScene<2>(0)), Contains(finding(Verdict::Good, "smooth")));
+  EXPECT_NEAR(analysis.slip.area, 16 * 2, 1e-9);
+  EXPECT_THAT(findings_of(scene), Contains(finding(Verdict::Good, "overlap by up to 0.125 mm")));
+  EXPECT_THAT(findings_of(ReportScene<2>(0)), Contains(finding(Verdict::Good, "No sliding interface found")));
+}
+
+TEST(Findings, TellThatWhatSlidesAlsoOpens) {
+  ReportScene<2> scene(3);
+  for (SlipPoint<2>& point : scene.result.slip.points) point.gap_mm = 3.5;
+  EXPECT_THAT(findings_of(scene), Contains(finding(Verdict::Look, "come apart by up to 3.5 mm")));
 }
 
 TEST(Findings, CallNothingASlideThatHasNoFirstOrderMomenta) {

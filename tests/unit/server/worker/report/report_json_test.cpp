@@ -32,6 +32,10 @@ TEST(ReportJson, TellsSettingsGridsAndConvergence) {
   EXPECT_EQ(report["levels"][0]["rounds"], 2);
   EXPECT_EQ(report["levels"][0]["optimality"], 0.125);
   EXPECT_EQ(report["levels"][0]["smoothing_voxels"], 0.75);
+  EXPECT_EQ(report["slip_surface"]["parts"], 1);
+  EXPECT_EQ(report["slip_surface"]["least_jump_mm"], 0.25);
+  EXPECT_EQ(report["slip_surface"]["gap_p95_mm"], 0);
+  EXPECT_EQ(report["slip_surface"]["overlap_p95_mm"], 0.125);
   EXPECT_EQ(report["levels"][0]["similarity_weight"], 0.5);
   EXPECT_EQ(report["noise"], 0.0625);
   ASSERT_EQ(report["history"].size(), 2u);

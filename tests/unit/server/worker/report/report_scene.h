@@ -45,6 +45,24 @@ struct ReportScene {
       middle += stride * static_cast<std::size_t>(grid.size[axis] / 2);
       stride *= static_cast<std::size_t>(grid.size[axis]);
     }
+    for (std::size_t voxel = 0; shift_mm != 0 && voxel < grid.voxels();
+         voxel += static_cast<std::size_t>(grid.size[0])) {
+      Vector<Dim> at;
+      at[0] = grid.size[0] / 2 - 0.5;
+      std::size_t rest = voxel / static_cast<std::size_t>(grid.size[0]);
+      for (int axis = 1; axis < Dim; ++axis) {
+        at[axis] = static_cast<double>(rest % static_cast<std::size_t>(grid.size[axis]));
+        rest /= static_cast<std::size_t>(grid.size[axis]);
+      }
+      SlipPoint<Dim> point;
+      point.position = grid.to_world(at);
+      point.normal = Vector<Dim>::Unit(0);
+      point.area = grid.voxel_volume() / grid.spacing[0];
+      point.jump = -2 * shift_mm * Vector<Dim>::Unit(Dim - 1);
+      point.gap_mm = -0.125;
+      result.slip.points.push_back(point);
+    }
+    result.slip.least_jump_mm = 0.25;
     result.jacobian.samples[middle] = -0.5f;
     result.jacobian.samples[middle + 1] = 2.0f;
 
