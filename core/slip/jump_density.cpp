@@ -27,10 +27,11 @@ Lattice<Dim> finest_with_elements(const std::vector<JumpElements<Dim>>& elements
   return *finest;
 }
 
-/// Adds value times a hat as wide as two cells of `from`, which sums to 1, to the samples around `at`.
-template <int Dim>
-void add_hat(const Lattice<Dim>& lattice, const Lattice<Dim>& from, const Vector<Dim>& place, const Matrix<Dim>& tensor,
-             float* values) {
+/// Adds value times a hat as wide as two cells of `from`, which sums to 1, to the samples around `at`; there are
+/// `Channels` values a sample.
+template <int Dim, int Channels>
+void add_hat(const Lattice<Dim>& lattice, const Lattice<Dim>& from, const Vector<Dim>& place,
+             const Eigen::Matrix<double, Channels, 1>& value, float* values) {
   Index<Dim> low, count;
   std::array<std::vector<double>, Dim> weights;
   for (int a = 0; a < Dim; ++a) {
@@ -59,9 +60,8 @@ void add_hat(const Lattice<Dim>& lattice, const Lattice<Dim>& from, const Vector
         site += stride * static_cast<std::size_t>(at);
         stride *= static_cast<std::size_t>(lattice.size[a]);
       }
-      float* sum = values + Dim * Dim * site;
-      for (int c = 0; c < Dim; ++c)
-        for (int a = 0; a < Dim; ++a) sum[Dim * c + a] += static_cast<float>(weight * tensor(c, a));
+      float* sum = values + Channels * site;
+      for (int c = 0; c < Channels; ++c) sum[c] += static_cast<float>(weight * value[c]);
     });
 }
 
@@ -101,15 +101,37 @@ template <int Dim>
 void add_element(const Lattice<Dim>& lattice, const JumpElements<Dim>& of, const JumpElement<Dim>& element,
                  float* values) {
   const auto axes = plane_axes<Dim>(element.normal);
-  const Matrix<Dim> tensor = element.strength * element.normal.transpose();
+  Eigen::Matrix<double, Dim * Dim, 1> tensor;
+  for (int c = 0; c < Dim; ++c)
+    for (int a = 0; a < Dim; ++a) tensor[Dim * c + a] = element.strength[c] * element.normal[a];
   for (const auto& [first, weight] : lateral_weights<Dim>(of.lattice, axes[0], of.width_mm)) {
     const Vector<Dim> at = element.at + first * axes[0];
     if constexpr (Dim == 2)
-      add_hat<Dim>(lattice, of.lattice, at, weight * tensor, values);
+      add_hat<Dim, Dim * Dim>(lattice, of.lattice, at, weight * tensor, values);
     else
       for (const auto& [second, other] : lateral_weights<Dim>(of.lattice, axes[1], of.width_mm))
-        add_hat<Dim>(lattice, of.lattice, at + second * axes[1], weight * other * tensor, values);
+        add_hat<Dim, Dim * Dim>(lattice, of.lattice, at + second * axes[1], weight * other * tensor, values);
   }
+}
+
+/// Adds elements whose normal is one axis: their planes are those of the lattice, and there may be as many of them as
+/// sites, so kernels are rows along the other axes.
+template <int Dim>
+void add_along_axis(const Lattice<Dim>& lattice, const JumpElements<Dim>& elements, float* values) {
+  std::vector<float> jumps(Dim * lattice.sites(), 0.0f), next(jumps.size());
+  for (const JumpElement<Dim>& element : elements.list)
+    add_hat<Dim, Dim>(lattice, elements.lattice, element.at, element.strength, jumps.data());
+  for (int axis = 0; axis < Dim; ++axis) {
+    if (axis == elements.axis) continue;
+    std::vector<float> taps;
+    for (const auto& [place, weight] : lateral_weights<Dim>(lattice, Vector<Dim>::Unit(axis), elements.width_mm))
+      taps.push_back(static_cast<float>(weight));
+    convolve_axis<Dim, float>(lattice, Dim, axis, taps, Combine::Replace, jumps.data(), next.data());
+    std::swap(jumps, next);
+  }
+  for (std::size_t site = 0; site < lattice.sites(); ++site)
+    for (int c = 0; c < Dim; ++c)
+      values[Dim * Dim * site + static_cast<std::size_t>(Dim * c + elements.axis)] += jumps[Dim * site + c];
 }
 
 }  // namespace
@@ -134,8 +156,12 @@ JumpDensity<Dim>::JumpDensity(const std::vector<JumpElements<Dim>>& elements)
     lattice_.offset[a] = whole.offset[a] + begin * whole.spacing[a];
   }
   values_.assign(Dim * Dim * lattice_.sites(), 0.0f);
-  for (const JumpElements<Dim>& scale : elements)
-    for (const JumpElement<Dim>& element : scale.list) add_element<Dim>(lattice_, scale, element, values_.data());
+  for (const JumpElements<Dim>& scale : elements) {
+    if (scale.axis >= 0 && !scale.list.empty())
+      add_along_axis(lattice_, scale, values_.data());
+    else
+      for (const JumpElement<Dim>& element : scale.list) add_element<Dim>(lattice_, scale, element, values_.data());
+  }
 
   std::vector<float> taps(2 * static_cast<std::size_t>(radius) + 1);
   double sum = 0;

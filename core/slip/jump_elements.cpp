@@ -13,24 +13,29 @@ double jump_of_unit(const KernelProfile& k0, double sigma) {
   return fall > 0.1 * near ? -sigma / k0.mass() * 2 * fall / (near * k0.width()) : 0;
 }
 
+constexpr double kLeastShare = 1e-3;  // of the largest momentum of a field
+
 template <int Dim, class T>
-void add_faces(const MomentumScale<Dim, T>& scale, const T* first, double unit,
+void add_faces(const MomentumScale<Dim, T>& scale, const T* field, int axis, double unit,
                std::vector<JumpElement<Dim>>& elements) {
   const Lattice<Dim>& lattice = scale.lattice();
-  for (int axis = 0; axis < Dim; ++axis) {
-    const T* field = first + static_cast<std::size_t>(axis) * scale.field_size();
-    for (int slab = 0; slab < lattice.size[Dim - 1]; ++slab)
-      visit_slab<Dim>(lattice, slab, [&](const Index<Dim>& index, std::size_t site) {
-        // Beyond the last sample there is no face, whatever stands there.
-        if (index[axis] + 1 >= lattice.size[axis]) return;
-        Vector<Dim> at, strength;
-        for (int a = 0; a < Dim; ++a) {
-          at[a] = lattice.offset[a] + (index[a] + (a == axis ? 0.5 : 0.0)) * lattice.spacing[a];
-          strength[a] = unit * static_cast<double>(field[Dim * site + a]);
-        }
-        if (strength.squaredNorm() > 0) elements.push_back({at, Vector<Dim>::Unit(axis), strength});
-      });
-  }
+  const auto strength_at = [&](std::size_t site) {
+    Vector<Dim> strength;
+    for (int a = 0; a < Dim; ++a) strength[a] = unit * static_cast<double>(field[Dim * site + a]);
+    return strength;
+  };
+  double largest = 0;
+  for (std::size_t site = 0; site < lattice.sites(); ++site) largest = std::max(largest, strength_at(site).norm());
+  for (int slab = 0; slab < lattice.size[Dim - 1]; ++slab)
+    visit_slab<Dim>(lattice, slab, [&](const Index<Dim>& index, std::size_t site) {
+      const Vector<Dim> strength = strength_at(site);
+      // Beyond the last sample there is no face, whatever stands there.
+      if (index[axis] + 1 >= lattice.size[axis] || !(strength.norm() > kLeastShare * largest)) return;
+      Vector<Dim> at;
+      for (int a = 0; a < Dim; ++a)
+        at[a] = lattice.offset[a] + (index[a] + (a == axis ? 0.5 : 0.0)) * lattice.spacing[a];
+      elements.push_back({at, Vector<Dim>::Unit(axis), strength});
+    });
 }
 
 template <int Dim, class T>
@@ -63,8 +68,11 @@ std::vector<JumpElements<Dim>> jump_elements(const MomentumScale<Dim, T>& scale,
   for (const KernelComponent& component : kernel.components()) {
     const double unit = factor * component.weight * jump_of_unit(*component.profile, kernel.width());
     if (unit == 0 || !momenta.first) continue;
-    found.push_back({scale.lattice(), component.profile->width(), {}});
-    add_faces(scale, momenta.first, unit, found.back().list);
+    for (int axis = 0; axis < Dim; ++axis) {
+      found.push_back({scale.lattice(), component.profile->width(), {}, axis});
+      add_faces(scale, momenta.first + static_cast<std::size_t>(axis) * scale.field_size(), axis, unit,
+                found.back().list);
+    }
   }
   if (scale.oriented() && momenta.elements && !momenta.elements->empty()) {
     found.push_back({scale.lattice(), scale.oriented()->options().width_mm, {}});

@@ -22,6 +22,7 @@ struct JumpElements {
   Lattice<Dim> lattice;  ///< on which the momenta live
   double width_mm = 1;
   std::vector<JumpElement<Dim>> list;
+  int axis = -1;  ///< the normal of all of them is this axis of the frame; -1: each has its own
 };
 
 /// The jumps of a scale's initial velocity: of the m_i, at the faces they lie on, and of its oriented momenta. The
@@ -29,8 +30,8 @@ struct JumpElements {
 ///
 ///     integral of [v] = a_1 V w_q (sigma / mass_q) 2 k0_q'(0+) m         (-6 a_1 V / sigma m for one C0 Wendland).
 ///
-/// Momenta of 0, and those of kernels that are smooth at 0, make none and are not listed. One list for each kernel of a
-/// sum that jumps.
+/// Momenta below a thousandth of the largest of their field, and those of kernels that are smooth at 0, are not listed.
+/// One list for each axis and kernel of a sum that jumps, and one for the oriented momenta.
 template <int Dim, class T>
 std::vector<JumpElements<Dim>> jump_elements(const MomentumScale<Dim, T>& scale, const MomentumPointers<T>& momenta);
 

@@ -79,6 +79,24 @@ TEST(JumpDensity, KnowsNoneOfKernelsThatAreSmooth) {
   EXPECT_THROW(JumpDensity<2>(FaceSheet<2>(0, 15, make_gaussian_profile(9)).elements()), InvalidInput);
 }
 
+// Rows along the lattice's axes do what one element after the other does.
+TEST(JumpDensity, IsTheSameForElementsOneByOne) {
+  const auto rows = FaceSheet<3>(1, 15, make_wendland_profile(5)).elements();
+  auto single = rows;
+  ASSERT_EQ(single.size(), 1u);
+  EXPECT_EQ(single[0].axis, 1);
+  single[0].axis = -1;
+  const JumpDensity<3> a(rows), b(single);
+  ASSERT_TRUE(a.lattice() == b.lattice());
+  float largest = 0, apart = 0;
+  for (std::size_t i = 0; i < a.values().size(); ++i) {
+    largest = std::max(largest, std::abs(a.values()[i]));
+    apart = std::max(apart, std::abs(a.values()[i] - b.values()[i]));
+  }
+  EXPECT_GT(largest, 0);
+  EXPECT_LT(apart, 1e-3 * largest);
+}
+
 // Elements of one sheet on two lattices, one twice as coarse, add up.
 TEST(JumpDensity, AddsScales) {
   JumpElements<2> fine{{{41, 41}, {1, 1}, {0, 0}}, 3, {}}, coarse{{{21, 21}, {2, 2}, {0, 0}}, 6, {}};
