@@ -177,6 +177,19 @@ void collect_momenta(const std::vector<MomentumScale<Dim, float>*>& scales,
     if (momenta[s].zeroth) take(-1, momenta[s].zeroth);
     for (int axis = 0; axis < Dim && momenta[s].first; ++axis)
       take(axis, momenta[s].first + static_cast<std::size_t>(axis) * scale->field_size());
+    if (const auto* oriented = scale->oriented(); oriented && momenta[s].elements && !momenta[s].elements->empty()) {
+      using Oriented = OrientedMomenta<Dim, float>;
+      std::vector<float> corners, sums(scale->field_size(), 0.0f);
+      oriented->place(*momenta[s].elements, corners);
+      for (std::size_t e = 0; e < momenta[s].elements->size(); ++e) {
+        const auto place = Oriented::placement(corners.data() + Oriented::kCornerValues * e);
+        const std::size_t site = oriented->site_of((*momenta[s].elements)[e]);
+        for (int j = 1; j < Dim; ++j)
+          for (int c = 0; c < Dim; ++c)
+            sums[Dim * site + c] += momenta[s].oriented[Oriented::kComponents * e + j - 1] * place.axes(j, c);
+      }
+      take(MomentumField<Dim>::kOriented, sums.data());
+    }
   }
   if (sites_all > 0) result.summary.active_first_order_share = static_cast<double>(sites_active) / sites_all;
 }

@@ -82,9 +82,11 @@ struct RegistrationSummary {
 /// Initial momentum of one scale and order, enough to inspect it.
 template <int Dim>
 struct MomentumField {
-  std::string kernel;  ///< "gaussian" or "wendland"
+  static constexpr int kZeroth = -1;
+  static constexpr int kOriented = -2;  ///< oriented first-order momenta, at each site the sum of those that lie on it
+  std::string kernel;                   ///< "gaussian" or "wendland"
   double width_mm = 0;
-  int axis = -1;              ///< -1: order 0; i: the first-order momentum m_i along grid axis i
+  int axis = -1;              ///< kZeroth; i: the first-order momentum m_i along grid axis i; kOriented
   VectorVolume<Dim> vectors;  ///< components along the grid's axes
 };
 

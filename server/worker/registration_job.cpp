@@ -35,12 +35,13 @@ AffineKind kind_of(AffineStart start) {
   return AffineKind::None;
 }
 
-/// "momentum_1_order0", "momentum_3_order1_x": numbered as they come, coarse to fine.
+/// "momentum_1_order0", "momentum_3_order1_x", "momentum_5_order1_oriented": numbered as they come, coarse to fine.
 template <int Dim>
 std::string momentum_name(std::size_t number, const MomentumField<Dim>& momentum) {
-  std::string name = "momentum_" + std::to_string(number) + (momentum.axis < 0 ? "_order0" : "_order1_");
-  if (momentum.axis >= 0) name += "xyz"[momentum.axis];
-  return name;
+  const std::string name = "momentum_" + std::to_string(number);
+  if (momentum.axis == MomentumField<Dim>::kZeroth) return name + "_order0";
+  if (momentum.axis == MomentumField<Dim>::kOriented) return name + "_order1_oriented";
+  return name + "_order1_" + "xyz"[momentum.axis];
 }
 
 void write_text(const fs::path& file, const std::string& text) {

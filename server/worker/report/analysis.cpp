@@ -14,9 +14,11 @@ Analysis<Dim> analyse(const ReportInput<Dim>& input) {
   found.displacement = measure_displacement(result.displacement);
   found.jacobian = jacobian_statistics(result.jacobian);
   found.interface = detect_interface(result.displacement);
-  found.may_slide = result.summary.active_first_order_share > 0 &&
-                    std::any_of(result.momenta.begin(), result.momenta.end(),
-                                [](const MomentumField<Dim>& field) { return field.axis >= 0; });
+  // The share counts sites of the m_i alone.
+  found.may_slide = std::any_of(result.momenta.begin(), result.momenta.end(), [&](const MomentumField<Dim>& field) {
+    return field.axis == MomentumField<Dim>::kOriented ||
+           (field.axis >= 0 && result.summary.active_first_order_share > 0);
+  });
   found.slip = summarise(result.slip);
   found.strongest_slip = strongest_slip(result.slip, input.input->fixed.grid);
   found.folded = count_folded(result.jacobian, found.interface);

@@ -274,7 +274,10 @@ class Figures {
     std::string empty;
     for (std::size_t i = 0; i < momenta.size(); ++i) {
       const MomentumField<Dim>& field = momenta[i];
-      const std::string order = field.axis < 0 ? "Order 0" : std::string("Order 1, axis ") + "xyz"[field.axis];
+      const std::string order = field.axis == MomentumField<Dim>::kZeroth ? "Order 0"
+                                : field.axis == MomentumField<Dim>::kOriented
+                                    ? "Order 1, oriented"
+                                    : std::string("Order 1, axis ") + "xyz"[field.axis];
       if (active_share(field.vectors) == 0) {
         empty += (empty.empty() ? "" : "; ") + order + ", width " + number(field.width_mm) + " mm";
         continue;

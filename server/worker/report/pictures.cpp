@@ -65,7 +65,8 @@ Pictures<Dim>::Pictures(const ReportInput<Dim>& input) : input_(input) {
   for (const MomentumField<Dim>& field : result.momenta) {
     double most = 0;
     for (const MomentumField<Dim>& other : result.momenta)
-      if (other.kernel == field.kernel && other.width_mm == field.width_mm && (other.axis < 0) == (field.axis < 0))
+      if (other.kernel == field.kernel && other.width_mm == field.width_mm &&
+          (other.axis == MomentumField<Dim>::kZeroth) == (field.axis == MomentumField<Dim>::kZeroth))
         most = std::max(most, largest(other.vectors));
     momentum_ranges_.push_back(most);
   }

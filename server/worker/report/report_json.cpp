@@ -114,8 +114,9 @@ Json describe(const IterationRecord& record) {
 
 template <int Dim>
 Json describe(const MomentumField<Dim>& field) {
-  Json json{{"order", field.axis < 0 ? 0 : 1}};
+  Json json{{"order", field.axis == MomentumField<Dim>::kZeroth ? 0 : 1}};
   if (field.axis >= 0) json["axis"] = field.axis;
+  if (field.axis == MomentumField<Dim>::kOriented) json["axis"] = "oriented";
   json["kernel"] = field.kernel;
   json["width_mm"] = field.width_mm;
   json["size"] = field.vectors.grid.size;

@@ -2,6 +2,8 @@
 
 #include "core/drawing/colour_map.h"
 
+#include <Eigen/Geometry>
+
 #include <algorithm>
 #include <array>
 #include <cmath>

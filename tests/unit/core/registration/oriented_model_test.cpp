@@ -222,6 +222,26 @@ TEST(OrientedModel, LetsJoinWhatPullsHarderThanItsWeight) {
   EXPECT_GT(content, 10u);
 }
 
+// They lie in the image's plane along the interface, as the motion does, and are told with the others.
+TEST(OrientedModel, TellsItsMomenta) {
+  const Slip slip;
+  const RegistrationResult<2> found = register_images<2>(slip.input, oriented_options());
+  double along = 0, across = 0;
+  const Vector<2> t(std::cos(25 * std::numbers::pi / 180), std::sin(25 * std::numbers::pi / 180));
+  for (const MomentumField<2>& field : found.momenta) {
+    if (field.axis != MomentumField<2>::kOriented) continue;
+    EXPECT_EQ(field.kernel, "wendland");
+    for (std::size_t site = 0; site < field.vectors.grid.voxels(); ++site) {
+      const Vector<2> m(field.vectors.component(0)[site], field.vectors.component(1)[site]);
+      along += std::abs(m.dot(t));
+      across += std::abs(m[0] * t[1] - m[1] * t[0]);
+    }
+  }
+  EXPECT_GT(along, 0);
+  EXPECT_LT(across, 0.3 * along);
+  EXPECT_FALSE(found.slip.points.empty());
+}
+
 TEST(OrientedModel, DoesNotDependOnTheNumberOfThreads) {
   const Slip slip;
   RegistrationOptions options = oriented_options();
