@@ -92,36 +92,6 @@ void add_folds(const Pair<Dim>& pair, const RegistrationResult<Dim>& result, Row
   if (count > 0) row.add("folds_percent", 100.0 * static_cast<double>(folds) / static_cast<double>(count));
 }
 
-template <int Dim>
-void add_truth(const Pair<Dim>& pair, const RegistrationResult<Dim>& result, Row& row) {
-  const Phantom<Dim>& truth = pair.truth;
-  const VectorVolume<Dim> nothing(truth.displacement.grid);
-  row.add("before_mm", summarise(endpoint_errors(nothing, truth.displacement, {truth.masks.valid})).mean);
-  row.add("error_mm", summarise(endpoint_errors(result.displacement, truth.displacement, {truth.masks.valid})).mean);
-  Volume<Dim> near = truth.masks.near;
-  bool any = false;
-  for (std::size_t voxel = 0; voxel < near.samples.size(); ++voxel) {
-    near.samples[voxel] *= truth.masks.valid.samples[voxel];
-    any = any || near.samples[voxel] > 0;
-  }
-  if (!any) return;
-  row.add("near_mm", summarise(endpoint_errors(result.displacement, truth.displacement, {near})).mean);
-  const auto points = interface_points<Dim>(*pair.scene, truth.displacement.grid);
-  if (points.empty()) return;
-  const NormalJump normal =
-      normal_jump(result.displacement, truth.displacement, points, extent_mm(truth.displacement.grid, 2));
-  if (normal.points > 0) {
-    row.add("opening_mm", normal.opening_mm);
-    row.add("closing_mm", normal.closing_mm);
-  }
-  const TransitionWidth width = transition_width(result.displacement, points, extent_mm(truth.displacement.grid, 12));
-  if (width.resolved > 0) row.add("transition_mm", width.width_mm);
-  if (width.points > 0) {
-    row.add("jump_mm", width.jump_mm);
-    row.add("transition_resolved_share", static_cast<double>(width.resolved) / static_cast<double>(width.points));
-  }
-}
-
 }  // namespace
 
 template <int Dim>
@@ -139,6 +109,37 @@ template <int Dim>
 Pair<Dim> pair_of(const PhantomOptions& options) {
   return pair_of<Dim>(std::shared_ptr<const Scene<Dim>>(make_scene<Dim>(options)), phantom_grid<Dim>(options),
                       options.noise, options.seed);
+}
+
+template <int Dim>
+void add_truth(const Pair<Dim>& pair, const VectorVolume<Dim>& displacement, Row& row) {
+  if (!pair.scene) return;
+  const Phantom<Dim>& truth = pair.truth;
+  const VectorVolume<Dim> nothing(truth.displacement.grid);
+  row.add("before_mm", summarise(endpoint_errors(nothing, truth.displacement, {truth.masks.valid})).mean);
+  row.add("error_mm", summarise(endpoint_errors(displacement, truth.displacement, {truth.masks.valid})).mean);
+  Volume<Dim> near = truth.masks.near;
+  bool any = false;
+  for (std::size_t voxel = 0; voxel < near.samples.size(); ++voxel) {
+    near.samples[voxel] *= truth.masks.valid.samples[voxel];
+    any = any || near.samples[voxel] > 0;
+  }
+  if (!any) return;
+  row.add("near_mm", summarise(endpoint_errors(displacement, truth.displacement, {near})).mean);
+  const auto points = interface_points<Dim>(*pair.scene, truth.displacement.grid);
+  if (points.empty()) return;
+  const NormalJump normal =
+      normal_jump(displacement, truth.displacement, points, extent_mm(truth.displacement.grid, 2));
+  if (normal.points > 0) {
+    row.add("opening_mm", normal.opening_mm);
+    row.add("closing_mm", normal.closing_mm);
+  }
+  const TransitionWidth width = transition_width(displacement, points, extent_mm(truth.displacement.grid, 12));
+  if (width.resolved > 0) row.add("transition_mm", width.width_mm);
+  if (width.points > 0) {
+    row.add("jump_mm", width.jump_mm);
+    row.add("transition_resolved_share", static_cast<double>(width.resolved) / static_cast<double>(width.points));
+  }
 }
 
 template <int Dim>
@@ -177,7 +178,7 @@ Row measure(const std::string& name, const Pair<Dim>& pair, const RegistrationOp
   add_folds(pair, *result, row);
   add_round_trip("inverse", pair, result->inverse_displacement, result->displacement, row);
   add_round_trip("inverse_from_fixed", pair, result->displacement, result->inverse_displacement, row);
-  if (pair.scene) add_truth(pair, *result, row);
+  add_truth(pair, result->displacement, row);
   if (kept) *kept = std::move(result);
   return row;
 }
@@ -193,6 +194,7 @@ double largest_difference(const VectorVolume<Dim>& a, const VectorVolume<Dim>& b
   template Pair<Dim> pair_of(const PhantomOptions&);                                                           \
   template Row measure(const std::string&, const Pair<Dim>&, const RegistrationOptions&, Expected,             \
                        std::optional<RegistrationResult<Dim>>*);                                               \
+  template void add_truth(const Pair<Dim>&, const VectorVolume<Dim>&, Row&);                                   \
   template double largest_difference(const VectorVolume<Dim>&, const VectorVolume<Dim>&);
 SALTUS_INSTANTIATE(2)
 SALTUS_INSTANTIATE(3)

@@ -36,6 +36,10 @@ template <int Dim>
 Row measure(const std::string& name, const Pair<Dim>& pair, const RegistrationOptions& options,
             Expected expected = Expected::Result, std::optional<RegistrationResult<Dim>>* result = nullptr);
 
+/// Adds to the row how far a displacement is from the scene's truth; nothing without a scene.
+template <int Dim>
+void add_truth(const Pair<Dim>& pair, const VectorVolume<Dim>& displacement, Row& row);
+
 /// Largest distance of two fields on one grid, mm.
 template <int Dim>
 double largest_difference(const VectorVolume<Dim>& a, const VectorVolume<Dim>& b);
