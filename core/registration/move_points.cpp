@@ -1,7 +1,10 @@
 #include "core/registration/move_points.h"
 
 #include "core/flow/discontinuous/transport_points.h"
+#include "core/slip/slip_sheets.h"
 #include "core/support/errors.h"
+
+#include <algorithm>
 
 namespace saltus {
 
@@ -20,7 +23,18 @@ std::vector<TransportedPoint<Dim>> move_points(const RegistrationInput<Dim>& inp
                                                const std::vector<MomentumPointers<float>>& momenta) {
   if (input.fixed_points.empty()) return {};
   std::vector<SwitchingSheet<Dim>> sheets;
-  for (std::size_t s = 0; s < scales.size(); ++s)
+  // Oriented momenta lie on the sites around their surface and not between them, where faces do: then all that jumps is
+  // taken together.
+  const bool is_oblique = std::any_of(momenta.begin(), momenta.end(), [](const MomentumPointers<float>& scale) {
+    return scale.elements && !scale.elements->empty();
+  });
+  if (is_oblique) {
+    std::vector<JumpElements<Dim>> jumps;
+    for (std::size_t s = 0; s < scales.size(); ++s)
+      for (auto& of_kernel : jump_elements<Dim, float>(*scales[s], momenta[s])) jumps.push_back(std::move(of_kernel));
+    sheets = slip_sheets<Dim>(jumps, lattice, velocities);
+  }
+  for (std::size_t s = 0; s < scales.size() && !is_oblique; ++s)
     if (scales[s]->has_first_order())
       for (auto& sheet : find_switching_sheets<Dim, float>(*scales[s], momenta[s].first, lattice, velocities))
         sheets.push_back(std::move(sheet));

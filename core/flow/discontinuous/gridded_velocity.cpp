@@ -152,8 +152,8 @@ Vector<Dim> GriddedVelocity<Dim, T>::sample_of_side(int node, const Index<Dim>& 
       if (!column || !column->is_known || column->coverage < 0.5f) continue;
       const int a = sheet.axis, side = sides[s];
       const double clear = side * (index[a] - (column->height - lattice_.offset[a]) / lattice_.spacing[a]);
-      if (clear >= kCleanDistance) continue;
-      const int away = static_cast<int>(std::ceil(kCleanDistance - clear));
+      if (clear >= sheet.clean_distance) continue;
+      const int away = static_cast<int>(std::ceil(sheet.clean_distance - clear));
       Index<Dim> one = index, two = index;
       one[a] = std::clamp(index[a] + side * away, 0, lattice_.size[a] - 1);
       two[a] = std::clamp(one[a] + side, 0, lattice_.size[a] - 1);

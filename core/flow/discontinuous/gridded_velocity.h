@@ -4,14 +4,10 @@
 
 namespace saltus {
 
-/// A sample counts for a side when it lies at least this many samples from the sheet on it. Samples beside a sheet on
-/// a face lie half a sample from it; one that is nearer holds a mixture of both sides.
-constexpr double kCleanDistance = 0.45;
-
 /// The velocity of a geodesic as a piecewise smooth field: linear between samples and between the time nodes over
 /// [0,1], constant beyond the lattice, with the sheets of the first-order momenta as switching surfaces. One side is
-/// made of the samples on it alone: in a cell that a sheet cuts, a corner on the other side (or nearer than
-/// kCleanDistance) is replaced by a line along the sheet's axis through the next two samples on the own side.
+/// made of the samples on it alone: in a cell that a sheet cuts, a corner on the other side (or nearer than the
+/// sheet's clean distance) is replaced by a line along the sheet's axis through the next two samples on the own side.
 /// Lattice, velocities and sheets are as GeodesicShooting and find_switching_sheets give them.
 template <int Dim, class T>
 class GriddedVelocity final : public PiecewiseVelocity<Dim> {

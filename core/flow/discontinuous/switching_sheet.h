@@ -7,6 +7,10 @@
 
 namespace saltus {
 
+/// A sample counts for a side when it lies at least this many samples from the sheet on it. Samples beside a sheet on
+/// a face lie half a sample from it; one that is nearer holds a mixture of both sides.
+constexpr double kCleanDistance = 0.45;
+
 /// A switching surface of a sampled velocity: the height along one axis of the lattice over columns of the others,
 ///
 ///     H(t, x) = x_axis - height(t, x_others)
@@ -16,9 +20,10 @@ template <int Dim>
 class SwitchingSheet {
  public:
   int axis = 0;
-  Lattice<Dim> lattice;  ///< of the velocity
-  Index<Dim> low{};      ///< lowest column; 0 along `axis`
-  Index<Dim> size{};     ///< number of columns; 1 along `axis`
+  Lattice<Dim> lattice;                    ///< of the velocity
+  Index<Dim> low{};                        ///< lowest column; 0 along `axis`
+  Index<Dim> size{};                       ///< number of columns; 1 along `axis`
+  double clean_distance = kCleanDistance;  ///< samples along `axis` from which on a sample is of one side alone
   struct Column {
     float height = 0;    ///< mm in the frame
     float coverage = 0;  ///< share of the column that the sheet covers, 0 to 1; below 1/2 it is not there
