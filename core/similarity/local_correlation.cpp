@@ -46,6 +46,7 @@ class LocalCorrelation final : public Similarity<Dim, T> {
     if constexpr (Dim == 3) radius_[1] = radius(1);
     stride_ = (static_cast<std::size_t>(size_[0]) + 15) / 16 * 16;
     for (int x = 0; x < size_[0]; ++x) inverse_widths_.push_back(T(1) / static_cast<T>(window_count(0, x)));
+    ones_.assign(static_cast<std::size_t>(size_[0]), T(1));
     make_tiles();
   }
 
@@ -251,7 +252,7 @@ class LocalCorrelation final : public Similarity<Dim, T> {
         to[4 * stride_ + x] = f * w;
       }
     } else {
-      const T* weights = scene.weights + first;
+      const T* weights = weights_from(scene, first);
 #pragma omp simd
       for (std::size_t x = 0; x < width; ++x) {
         const T weight = weights[x];
@@ -304,7 +305,7 @@ class LocalCorrelation final : public Similarity<Dim, T> {
     const auto quantity = [&](const T* rows, std::size_t k) { return rows + k * stride_; };
     const T *s_f = sums, *s_w = quantity(sums, 1), *s_ff = quantity(sums, 2), *s_ww = quantity(sums, 3),
             *s_fw = quantity(sums, 4), *s_1 = Sums == 6 ? quantity(sums, 5) : nullptr;
-    const T *weights = Sums == 6 ? scene.weights + first : nullptr, *inverse_widths = inverse_widths_.data();
+    const T *weights = Sums == 6 ? weights_from(scene, first) : nullptr, *inverse_widths = inverse_widths_.data();
     T *k_f = to, *k_w = to + stride_, *k_1 = to + 2 * stride_, *k_ff = to + 3 * stride_, *m_f = to + 4 * stride_,
       *m_1 = to + 5 * stride_;
     T* weight_gradient = Coefficients == 6 && is_own ? scene.weight_gradient + first : nullptr;
@@ -353,14 +354,15 @@ class LocalCorrelation final : public Similarity<Dim, T> {
       const std::size_t first = first_of(row, plane);
       const T *fixed = scene.fixed + first, *warped = scene.warped + first;
       T* gradient = scene.gradient + first;
-      if (!scene.weights) {
+      if (Coefficients == 3 && !scene.weights) {
 #pragma omp simd
         for (std::size_t x = 0; x < width; ++x)
           gradient[x] = (warped[x] - middle_w) * s[stride_ + x] + s[2 * stride_ + x] - (fixed[x] - middle_f) * s[x];
         continue;
       }
+      const T* weights = weights_from(scene, first);
       for (std::size_t x = 0; x < width; ++x) {
-        const T weight = scene.weights[first + x], f = fixed[x] - middle_f, w = warped[x] - middle_w;
+        const T weight = weights[x], f = fixed[x] - middle_f, w = warped[x] - middle_w;
         gradient[x] = weight == 0 ? T(0) : -weight * (f * s[x] - w * s[stride_ + x] - s[2 * stride_ + x]);
         if constexpr (Coefficients == 6)
           scene.weight_gradient[first + x] -= f * w * s[x] - T(0.5) * f * f * s[3 * stride_ + x] -
@@ -370,6 +372,10 @@ class LocalCorrelation final : public Similarity<Dim, T> {
     }
   }
 
+  /// Of the row that begins there.
+  const T* weights_from(const Scene& scene, std::size_t first) const {
+    return scene.weights ? scene.weights + first : ones_.data();
+  }
   std::size_t first_of(int row, int plane) const {
     return (static_cast<std::size_t>(plane) * static_cast<std::size_t>(size_[1]) + static_cast<std::size_t>(row)) *
            static_cast<std::size_t>(size_[0]);
@@ -383,6 +389,7 @@ class LocalCorrelation final : public Similarity<Dim, T> {
   std::size_t sites_, stride_;                   ///< of the lattice; between quantities of a row
   double volume_, floor2_;
   std::vector<T> inverse_widths_;  ///< 1 / window_count along x
+  std::vector<T> ones_;            ///< a row of weights where none are given
   std::vector<Tile> tiles_;
   std::vector<Work> work_;  ///< by thread
 };
