@@ -7,7 +7,7 @@
 namespace saltus::drawing {
 namespace {
 
-constexpr int margin = 16, gap = 18, caption_height = 24, scale_height = 56;
+constexpr int margin = 16, panel_gap = 18, caption_height = 24, scale_height = 56;
 constexpr double caption_size = 10, scale_size = 8;
 
 void put(Raster& onto, const Raster& picture, int left, int top) {
@@ -57,17 +57,17 @@ Raster sheet(const std::vector<std::vector<SheetPanel>>& rows) {
       tallest = std::max(tallest, row[i].picture.height);
       has_scale = has_scale || row[i].scale;
     }
-    height += above(row) + tallest + (has_scale ? scale_height : gap);
+    height += above(row) + tallest + (has_scale ? scale_height : panel_gap);
   }
-  int width = 2 * margin - gap;
-  for (int one : widths) width += one + gap;
+  int width = 2 * margin - panel_gap;
+  for (int one : widths) width += one + panel_gap;
   Raster whole(width, height);
   std::fill(whole.pixels.begin(), whole.pixels.end(), Colour{255, 255, 255});
   int top = margin;
   for (const auto& row : rows) {
     int left = margin, tallest = 0;
     bool has_scale = false;
-    for (std::size_t i = 0; i < row.size(); left += widths[i] + gap, ++i) {
+    for (std::size_t i = 0; i < row.size(); left += widths[i] + panel_gap, ++i) {
       const SheetPanel& panel = row[i];
       if (panel.picture.pixels.empty()) continue;
       const double middle = left + panel.picture.width / 2.0;
@@ -78,7 +78,7 @@ Raster sheet(const std::vector<std::vector<SheetPanel>>& rows) {
       tallest = std::max(tallest, panel.picture.height);
       has_scale = has_scale || panel.scale;
     }
-    top += above(row) + tallest + (has_scale ? scale_height : gap);
+    top += above(row) + tallest + (has_scale ? scale_height : panel_gap);
   }
   return whole;
 }

@@ -17,6 +17,7 @@
 #include "core/image_io/nrrd_header.h"
 #include "core/image_io/payload_check.h"
 #include "core/image_io/png_chunks.h"
+#include "core/image_io/refuse_file.h"
 #include "core/image_io/temporary_file.h"
 #include "core/support/errors.h"
 
@@ -36,10 +37,6 @@ itk::ImageIOBase::Pointer make_image_io(ImageFormat format) {
       return itk::PNGImageIO::New().GetPointer();
   }
   throw InvalidInput("image format " + std::to_string(static_cast<int>(format)) + " does not exist");
-}
-
-[[noreturn]] void refuse(const std::filesystem::path& path, const std::string& reason) {
-  throw FileError("cannot read " + path.filename().string() + ": " + reason);
 }
 
 /// What ITK says, on one line, without its class and address prefix and without the folder.

@@ -60,7 +60,7 @@ constexpr std::size_t kQuaternionNumbers = 6, kSformNumbers = 12;
 /// No place in millimetres is further away; ITK's matrices overflow at values that are.
 constexpr float kFarthest = 1e9F;
 /// Header and extensions; the library takes memory for these before it looks whether they are there.
-constexpr std::size_t kLongestHeader = std::size_t{64} << 20, kExtender = 348, kFirstExtension = 352;
+constexpr std::size_t kLongestNifti = std::size_t{64} << 20, kExtender = 348, kFirstExtension = 352;
 
 }  // namespace
 
@@ -99,7 +99,7 @@ NiftiHeader read_nifti_header(const std::filesystem::path& path) {
   if (header.short_at(kSformCode) != 0) check_places("sform", kSform, kSformNumbers);
 
   const float data_offset = header.number_at(kDataOffset);
-  if (!(data_offset >= 0 && data_offset <= static_cast<float>(kLongestHeader)))
+  if (!(data_offset >= 0 && data_offset <= static_cast<float>(kLongestNifti)))
     refuse("its voxels begin at byte " + std::to_string(data_offset) + "; that must be in the first 64 MiB");
 
   NiftiHeader result;

@@ -13,7 +13,7 @@
 namespace saltus {
 namespace {
 
-std::string_view trimmed(std::string_view text) {
+std::string_view without_blanks(std::string_view text) {
   const auto begin = text.find_first_not_of(" \t\r");
   if (begin == std::string_view::npos) return {};
   return text.substr(begin, text.find_last_not_of(" \t\r") - begin + 1);
@@ -23,7 +23,7 @@ std::vector<std::string_view> split(std::string_view line) {
   std::vector<std::string_view> fields;
   for (std::size_t begin = 0;;) {
     const std::size_t comma = line.find(',', begin);
-    fields.push_back(trimmed(line.substr(begin, comma - begin)));
+    fields.push_back(without_blanks(line.substr(begin, comma - begin)));
     if (comma == std::string_view::npos) return fields;
     begin = comma + 1;
   }
@@ -53,13 +53,14 @@ std::vector<Vector<Dim>> read_points(const std::filesystem::path& path) {
       throw FileError("cannot read " + name + ": line " + std::to_string(number) + " " + reason);
     };
     if (number == 1 && line.starts_with("\xEF\xBB\xBF")) line.erase(0, 3);
-    if (trimmed(line).empty()) continue;
+    if (without_blanks(line).empty()) continue;
     const std::vector<std::string_view> fields = split(line);
     if (columns == 0) {
       const bool has_xy = fields.size() >= 2 && fields[0] == "x" && fields[1] == "y";
       const bool has_z = fields.size() == 3 && fields[2] == "z";
       if (!has_xy || !(has_z || (Dim == 2 && fields.size() == 2)))
-        refuse("is '" + std::string(trimmed(line)) + "'; the first line must be " + (Dim == 2 ? "x,y" : "x,y,z"));
+        refuse("is '" + std::string(without_blanks(line)) + "'; the first line must be " +
+               (Dim == 2 ? "x,y" : "x,y,z"));
       columns = fields.size();
       continue;
     }

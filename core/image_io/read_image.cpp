@@ -6,14 +6,11 @@
 
 #include "core/image_io/image_file.h"
 #include "core/image_io/nearest_rotation.h"
+#include "core/image_io/refuse_file.h"
 #include "core/support/errors.h"
 
 namespace saltus {
 namespace {
-
-[[noreturn]] void refuse(const std::filesystem::path& path, const std::string& reason) {
-  throw FileError("cannot read " + path.filename().string() + ": " + reason);
-}
 
 template <int Dim>
 ImageGrid<Dim> grid_of(const ImageFileHeader& header, const std::filesystem::path& path) {

@@ -9,6 +9,7 @@
 
 #include "core/image_io/nearest_rotation.h"
 #include "core/image_io/read_image.h"
+#include "core/image_io/refuse_file.h"
 #include "core/support/errors.h"
 
 namespace saltus {
@@ -16,10 +17,6 @@ namespace {
 
 using TransformIo = itk::HDF5TransformIOTemplate<float>;
 using AnyTransform = itk::TransformBaseTemplate<float>;
-
-[[noreturn]] void refuse(const std::filesystem::path& path, const std::string& reason) {
-  throw FileError("cannot read " + path.filename().string() + ": " + reason);
-}
 
 bool is_transform_file(const std::filesystem::path& path) { return path.extension() == ".h5"; }
 

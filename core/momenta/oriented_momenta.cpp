@@ -91,32 +91,6 @@ void corners_adjoint(const T* corners, const Eigen::Matrix<T, Dim, 1>& at_dual, 
 
 }  // namespace
 
-template <int Dim>
-std::vector<Eigen::Matrix<double, Dim, 1>> spread_normals(int count) {
-  std::vector<Vec<Dim>> normals;
-  if (count == 0) return normals;
-  const bool is_known = Dim == 2 ? count == 4 || count == 8 : count == 9 || count == 13;
-  if (!is_known)
-    throw InvalidInput("parameter orientations is " + std::to_string(count) + " and the images have " +
-                       std::to_string(Dim) + " dimensions; it must be " + (Dim == 2 ? "0, 4 or 8" : "0, 9 or 13"));
-  for (int axis = 0; axis < Dim; ++axis) normals.push_back(Vec<Dim>::Unit(axis));
-  if constexpr (Dim == 2) {
-    for (int k = 1; k < count; ++k) {
-      const double angle = std::numbers::pi * k / count;
-      if (2 * k != count) normals.push_back({std::cos(angle), std::sin(angle)});
-    }
-  } else {
-    for (int z = 0; z <= 1; ++z)
-      for (int y = -1; y <= 1; ++y)
-        for (int x = -1; x <= 1; ++x) {
-          const int nonzero = (x != 0) + (y != 0) + (z != 0);
-          if (nonzero < 2 || (nonzero == 3 && count == 9) || (z == 0 && y < 0)) continue;
-          normals.push_back(Vec<3>(x, y, z).normalized());
-        }
-  }
-  return normals;
-}
-
 template <int Dim, class T>
 OrientedMomenta<Dim, T>::OrientedMomenta(const OrientedOptions<Dim>& options)
     : options_(options), sites_(options.lattice.sites()) {
@@ -491,8 +465,6 @@ double OrientedMomenta<Dim, T>::stiffness(std::size_t normal) const {
          AveragedWendland<double>(options_.width_mm, cell).slope_gram(0);
 }
 
-template std::vector<Eigen::Matrix<double, 2, 1>> spread_normals<2>(int);
-template std::vector<Eigen::Matrix<double, 3, 1>> spread_normals<3>(int);
 template class OrientedMomenta<2, float>;
 template class OrientedMomenta<3, float>;
 template class OrientedMomenta<2, double>;

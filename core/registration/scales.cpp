@@ -1,6 +1,7 @@
 #include "core/registration/scales.h"
 
 #include "core/momenta/directional_momentum.h"
+#include "core/momenta/spread_normals.h"
 
 #include <algorithm>
 #include <cmath>

@@ -1,5 +1,6 @@
 #include "core/slip/slip_sheets.h"
 
+#include "core/flow/discontinuous/sheet_columns.h"
 #include "core/flow/point_steps.h"
 #include "core/slip/ridge_mesh.h"
 
@@ -11,7 +12,6 @@ namespace saltus {
 namespace {
 
 constexpr double kObliqueCleanDistance = 2.5;
-constexpr int kContinued = 4;  // columns by which heights go on past a chart's rim, as those of faces do
 
 /// Cosine between a chart's axis and the normals of its facets, in samples: charts overlap nowhere, and a surface that
 /// runs between two axes is not cut to pieces.
@@ -60,34 +60,14 @@ std::vector<typename SwitchingSheet<Dim>::Column> cover(const SwitchingSheet<Dim
                                                         const Chart& chart) {
   constexpr int parts = 4;  // of a facet's side
   const Lattice<Dim>& lattice = sheet.lattice;
-  std::array<std::size_t, Dim> lateral{};
-  std::size_t columns = 1;
   double column_area = 1;
-  for (int a = 0; a < Dim; ++a) {
-    if (a == sheet.axis) continue;
-    lateral[a] = columns;
-    columns *= static_cast<std::size_t>(sheet.size[a]);
-    column_area *= lattice.spacing[a];
-  }
-  std::vector<double> weight(columns, 0.0), sum(columns, 0.0);
+  for (int a = 0; a < Dim; ++a)
+    if (a != sheet.axis) column_area *= lattice.spacing[a];
+  SheetColumns<Dim> columns(sheet);
   const auto add = [&](const Vector<Dim>& at, double share) {
-    for (int bits = 0; bits < 1 << Dim; ++bits) {
-      if (bits >> sheet.axis & 1) continue;
-      double w = share;
-      std::size_t column = 0;
-      bool is_inside = true;
-      for (int a = 0; a < Dim; ++a) {
-        if (a == sheet.axis) continue;
-        const double coordinate = (at[a] - lattice.offset[a]) / lattice.spacing[a] - sheet.low[a];
-        const double cell = std::floor(coordinate) + (bits >> a & 1);
-        w *= 1 - std::abs(coordinate - cell);
-        is_inside = is_inside && cell >= 0 && cell < sheet.size[a];
-        if (is_inside) column += lateral[a] * static_cast<std::size_t>(cell);
-      }
-      if (!is_inside || w <= 0) continue;
-      weight[column] += w;
-      sum[column] += w * at[sheet.axis];
-    }
+    Vector<Dim> coordinates;
+    for (int a = 0; a < Dim; ++a) coordinates[a] = (at[a] - lattice.offset[a]) / lattice.spacing[a];
+    columns.add(at[sheet.axis], coordinates, share);
   };
   for (std::size_t f : chart.facets) {
     const auto& facet = mesh.facets[f];
@@ -105,27 +85,7 @@ std::vector<typename SwitchingSheet<Dim>::Column> cover(const SwitchingSheet<Dim
           }
     }
   }
-  std::vector<typename SwitchingSheet<Dim>::Column> found(columns);
-  for (std::size_t i = 0; i < columns; ++i)
-    if (weight[i] > 1e-3)
-      found[i] = {static_cast<float>(sum[i] / weight[i]), static_cast<float>(std::min(1.0, weight[i])), true};
-  for (int ring = 0; ring < kContinued; ++ring) {
-    const auto before = found;
-    for (std::size_t i = 0; i < columns; ++i) {
-      if (before[i].is_known) continue;
-      double total = 0;
-      int count = 0;
-      for (int a = 0; a < Dim; ++a) {
-        if (a == sheet.axis) continue;
-        const std::size_t along = i / lateral[a] % static_cast<std::size_t>(sheet.size[a]);
-        if (along > 0 && before[i - lateral[a]].is_known) total += before[i - lateral[a]].height, ++count;
-        if (along + 1 < static_cast<std::size_t>(sheet.size[a]) && before[i + lateral[a]].is_known)
-          total += before[i + lateral[a]].height, ++count;
-      }
-      if (count) found[i] = {static_cast<float>(total / count), 0.0f, true};
-    }
-  }
-  return found;
+  return columns.columns(1e-3);
 }
 
 /// Vertices at the nodes of the flow.
@@ -172,26 +132,17 @@ std::vector<SwitchingSheet<Dim>> slip_sheets(const std::vector<JumpElements<Dim>
     sheet.axis = charts[s].axis;
     sheet.lattice = lattice;
     sheet.clean_distance = kObliqueCleanDistance;
-    for (int a = 0; a < Dim; ++a) {
-      if (a == sheet.axis) {
-        sheet.low[a] = 0;
-        sheet.size[a] = 1;
-        continue;
-      }
-      double least_at = 1e30, most_at = -1e30;
-      for (std::size_t f : charts[s].facets)
-        for (int corner : mesh.facets[f].corners)
-          for (const auto& place : places) {
+    Vector<Dim> least_at = Vector<Dim>::Constant(1e30), most_at = -least_at;
+    for (std::size_t f : charts[s].facets)
+      for (int corner : mesh.facets[f].corners)
+        for (const auto& place : places)
+          for (int a = 0; a < Dim; ++a) {
             const double at =
                 (place[static_cast<std::size_t>(Dim * corner + a)] - lattice.offset[a]) / lattice.spacing[a];
-            least_at = std::min(least_at, at);
-            most_at = std::max(most_at, at);
+            least_at[a] = std::min(least_at[a], at);
+            most_at[a] = std::max(most_at[a], at);
           }
-      const int low = std::max(0, static_cast<int>(std::floor(least_at)) - kContinued);
-      const int high = std::min(lattice.size[a] - 1, static_cast<int>(std::ceil(most_at)) + kContinued);
-      sheet.low[a] = low;
-      sheet.size[a] = std::max(1, high - low + 1);
-    }
+    span_columns(sheet, least_at, most_at);
   }
   for (const auto& place : places) {
     for (std::size_t v = 0; v < mesh.vertices.size(); ++v)

@@ -12,6 +12,9 @@
 
 namespace saltus::server {
 
+/// A file gets its name just before its row: a younger one without a row is an upload that is about to succeed.
+inline constexpr std::chrono::hours kOrphanAge{1};
+
 /// What a client announces before it sends bytes.
 struct UploadPlan {
   std::string digest;

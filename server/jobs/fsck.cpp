@@ -7,10 +7,8 @@
 namespace saltus::server {
 namespace {
 
-constexpr int kRowsPerPage = 1000;
 // What a look at one blob costs at least.
 constexpr std::int64_t kBlobCost = 64 << 10;
-constexpr std::chrono::hours kOrphanAge{1};
 
 }  // namespace
 
@@ -30,7 +28,7 @@ bool Fsck::step(std::int64_t budget) {
 
 bool Fsck::next_blob() {
   if (next_ == page_.size()) {
-    read_([&](JobReader& reader) { page_ = reader.blobs_after(last_digest_, kRowsPerPage); });
+    read_([&](JobReader& reader) { page_ = reader.blobs_after(last_digest_, kBlobRowsPerPage); });
     next_ = 0;
     if (page_.empty()) return false;
     last_digest_ = page_.back().digest;

@@ -9,8 +9,6 @@ namespace {
 // Each batch is one transaction on the writing thread, which others wait for meanwhile.
 constexpr int kRowsPerBatch = 100;
 constexpr std::size_t kFilesPerBatch = 8;
-// A file gets its name just before its row: a young one without a row is an upload that is about to succeed.
-constexpr std::chrono::hours kOrphanAge{1};
 
 }  // namespace
 

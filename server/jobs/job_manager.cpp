@@ -17,8 +17,6 @@ constexpr auto kAll = std::numeric_limits<int>::max();
 
 // No retry waits longer than so many first delays, whatever the wall clock says: 4 ^ 3.
 constexpr int kLongestRetry = 64;
-// How long a daemon takes that goes down and comes back.
-constexpr std::chrono::milliseconds kRestart{5000};
 // When an administrator takes a drain back, nobody knows.
 constexpr std::chrono::milliseconds kDrained{30000};
 

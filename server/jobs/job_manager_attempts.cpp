@@ -47,12 +47,6 @@ JobFailure never_started(const JobRecord& job, int threads, const std::string& r
                                     ": ask for less, or have the daemon submit to another partition"};
 }
 
-Refusal lease_lost(const AttemptKey& key) {
-  return {RefusalKind::Aborted, "LEASE_LOST",
-          "attempt " + std::to_string(key.attempt) + " of job " + key.job_id +
-              " is not wanted any more; the worker must end without output"};
-}
-
 }  // namespace
 
 LeaseGrant JobManager::acquire(const AttemptKey& key, const std::string& token, const std::string& worker) {

@@ -23,12 +23,6 @@ void apply(JobRecord& job, JobEvent event, WallTime now) {
   job.checkpoint.reset();
 }
 
-Refusal lease_lost(const AttemptKey& key) {
-  return {RefusalKind::Aborted, "LEASE_LOST",
-          "attempt " + std::to_string(key.attempt) + " of job " + key.job_id +
-              " is not the current one any more; the worker must end without output"};
-}
-
 Refusal job_not_found(const std::string& id) {
   return {RefusalKind::NotFound, "JOB_NOT_FOUND", "there is no job '" + id + "'; list the jobs to see which there are"};
 }
@@ -67,6 +61,12 @@ void require_blobs(JobTable& table, const std::vector<Artifact>& artifacts) {
 }
 
 }  // namespace
+
+Refusal lease_lost(const AttemptKey& key) {
+  return {RefusalKind::Aborted, "LEASE_LOST",
+          "attempt " + std::to_string(key.attempt) + " of job " + key.job_id +
+              " is not the current one any more; the worker must end without output"};
+}
 
 std::string describe(LossCause cause, const std::string& detail) {
   switch (cause) {

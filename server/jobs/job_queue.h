@@ -4,6 +4,7 @@
 #include "server/jobs/id_source.h"
 #include "server/jobs/job.h"
 #include "server/jobs/job_store.h"
+#include "server/jobs/refusal.h"
 
 #include <functional>
 #include <optional>
@@ -120,6 +121,8 @@ class JobQueue {
   QueueLimits limits_;
 };
 
+/// Aborted LEASE_LOST: that attempt is not the current one any more.
+Refusal lease_lost(const AttemptKey& key);
 /// Throws NotFound JOB_NOT_FOUND.
 JobRecord require_job(JobReader& reader, const std::string& id);
 /// Throws the same, so that nobody learns which jobs others have.

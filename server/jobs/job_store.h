@@ -33,6 +33,9 @@ struct JobFilter {
   std::string submitter = {};                      ///< "": anybody
 };
 
+/// For those that go through all blobs: what one transaction reads of them.
+inline constexpr int kBlobRowsPerPage = 1000;
+
 /// The committed rows, as of one moment.
 class JobReader {
  public:

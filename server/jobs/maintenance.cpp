@@ -3,12 +3,6 @@
 #include "server/jobs/refusal.h"
 
 namespace saltus::server {
-namespace {
-
-// How long a daemon takes that goes down and comes back.
-constexpr std::chrono::milliseconds kRestart{5000};
-
-}  // namespace
 
 Maintenance::Maintenance(JobStore& rows, BlobStore& bytes, const Clock& clock, Retention retention, Intervals intervals,
                          std::function<void(const std::string&)> log)

@@ -10,14 +10,12 @@
 namespace saltus::server {
 namespace {
 
-constexpr int kRowsPerPage = 1000;
-
 std::set<std::string> missing_blobs(JobStore& rows, BlobStore& bytes) {
   std::set<std::string> missing;
   std::string last;
   while (true) {
     std::vector<BlobRow> page;
-    rows.read([&](JobReader& reader) { page = reader.blobs_after(last, kRowsPerPage); });
+    rows.read([&](JobReader& reader) { page = reader.blobs_after(last, kBlobRowsPerPage); });
     if (page.empty()) return missing;
     last = page.back().digest;
     for (const BlobRow& row : page)

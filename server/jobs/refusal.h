@@ -20,6 +20,9 @@ enum class RefusalKind {
   PermissionDenied,  ///< somebody else could; asking again does not help
 };
 
+/// How long a daemon takes that goes down and comes back.
+inline constexpr std::chrono::milliseconds kRestart{5000};
+
 /// A call that cannot be granted. `reason` is UPPER_SNAKE for programs; what() is one sentence for people that says
 /// what to do about it; `retry_after` says when the same call may work, where it may.
 class Refusal : public std::runtime_error {

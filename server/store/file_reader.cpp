@@ -6,11 +6,6 @@
 #include <cerrno>
 
 namespace saltus::server {
-namespace {
-
-constexpr std::int64_t kHashPiece = 1 << 20;
-
-}  // namespace
 
 Refusal blob_corrupt(const std::string& digest) {
   return {RefusalKind::DataLoss, "BLOB_CORRUPT",

@@ -8,11 +8,6 @@
 #include <stdexcept>
 
 namespace saltus::server {
-namespace {
-
-constexpr std::int64_t kHashPiece = 1 << 20;
-
-}  // namespace
 
 FileUpload::FileUpload(UploadParts& parts, std::shared_ptr<UploadPart> part, FileDescriptor descriptor,
                        const UploadPlan& plan, std::unique_ptr<DiskReserve::Claim> room)

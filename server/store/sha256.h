@@ -1,5 +1,6 @@
 #pragma once
 
+#include <cstdint>
 #include <memory>
 #include <string>
 #include <string_view>
@@ -7,6 +8,9 @@
 struct evp_md_ctx_st;
 
 namespace saltus::server {
+
+/// Bytes that are read and hashed at a time where a whole file is to be hashed.
+constexpr std::int64_t kHashPiece = 1 << 20;
 
 /// SHA-256 of bytes that come in pieces. One thread at a time.
 class Sha256 {

@@ -1,5 +1,6 @@
 #include "core/flow/discontinuous/switching_sheet.h"
 
+#include "core/flow/discontinuous/sheet_columns.h"
 #include "core/flow/particle_steps.h"
 #include "core/kernels/separable_convolution.h"
 
@@ -169,67 +170,29 @@ template <int Dim, class T>
 std::vector<typename SwitchingSheet<Dim>::Column> cover(const SwitchingSheet<Dim>& sheet, const Faces<Dim>& faces,
                                                         const T* displacement) {
   const Lattice<Dim>& lattice = sheet.lattice;
-  std::array<std::size_t, Dim> stride, lateral{};
-  std::size_t sites = 1, columns = 1;
+  std::array<std::size_t, Dim> stride;
+  std::size_t sites = 1;
   for (int a = 0; a < Dim; ++a) {
     stride[a] = sites;
     sites *= static_cast<std::size_t>(lattice.size[a]);
-    if (a == sheet.axis) continue;
-    lateral[a] = columns;
-    columns *= static_cast<std::size_t>(sheet.size[a]);
   }
-  std::vector<double> weight(columns, 0.0), sum(columns, 0.0);
+  SheetColumns<Dim> columns(sheet);
   for (const Index<Dim>& face : faces.members) {
     std::size_t site = 0;
     for (int a = 0; a < Dim; ++a) site += stride[a] * static_cast<std::size_t>(face[a]);
-    Vector<Dim> moved;
-    for (int a = 0; a < Dim; ++a)
+    Vector<Dim> moved, coordinates;
+    for (int a = 0; a < Dim; ++a) {
       moved[a] =
           displacement
               ? 0.5 * (double(displacement[Dim * site + a]) + displacement[Dim * (site + stride[sheet.axis]) + a])
               : 0.0;
+      coordinates[a] = face[a] + moved[a] / lattice.spacing[a];
+    }
     const double height =
         (face[sheet.axis] + 0.5) * lattice.spacing[sheet.axis] + lattice.offset[sheet.axis] + moved[sheet.axis];
-    for (int bits = 0; bits < 1 << Dim; ++bits) {
-      if (bits >> sheet.axis & 1) continue;
-      double w = 1;
-      std::size_t at = 0;
-      bool inside = true;
-      for (int a = 0; a < Dim; ++a) {
-        if (a == sheet.axis) continue;
-        const double coordinate = face[a] + moved[a] / lattice.spacing[a] - sheet.low[a];
-        const double cell = std::floor(coordinate) + (bits >> a & 1);
-        w *= 1 - std::abs(coordinate - cell);
-        inside = inside && cell >= 0 && cell < sheet.size[a];
-        if (inside) at += lateral[a] * static_cast<std::size_t>(cell);
-      }
-      if (!inside || w <= 0) continue;
-      weight[at] += w;
-      sum[at] += w * height;
-    }
+    columns.add(height, coordinates, 1);
   }
-  std::vector<typename SwitchingSheet<Dim>::Column> found(columns);
-  for (std::size_t i = 0; i < columns; ++i)
-    if (weight[i] > 1e-6)
-      found[i] = {static_cast<float>(sum[i] / weight[i]), static_cast<float>(std::min(1.0, weight[i])), true};
-  // Heights are continued past the edge, so that motion in time and slopes have both ends.
-  for (int ring = 0; ring < 4; ++ring) {
-    const auto before = found;
-    for (std::size_t i = 0; i < columns; ++i) {
-      if (before[i].is_known) continue;
-      double total = 0;
-      int count = 0;
-      for (int a = 0; a < Dim; ++a) {
-        if (a == sheet.axis) continue;
-        const std::size_t along = i / lateral[a] % static_cast<std::size_t>(sheet.size[a]);
-        if (along > 0 && before[i - lateral[a]].is_known) total += before[i - lateral[a]].height, ++count;
-        if (along + 1 < static_cast<std::size_t>(sheet.size[a]) && before[i + lateral[a]].is_known)
-          total += before[i + lateral[a]].height, ++count;
-      }
-      if (count) found[i] = {static_cast<float>(total / count), 0.0f, true};
-    }
-  }
-  return found;
+  return columns.columns(1e-6);
 }
 
 }  // namespace
@@ -267,9 +230,7 @@ std::vector<SwitchingSheet<Dim>> find_switching_sheets(const MomentumScale<Dim, 
     SwitchingSheet<Dim>& sheet = sheets[s];
     sheet.axis = faces[s].axis;
     sheet.lattice = lattice;
-    double least[Dim], most[Dim];
-    std::fill(least, least + Dim, 1e30);
-    std::fill(most, most + Dim, -1e30);
+    Vector<Dim> least = Vector<Dim>::Constant(1e30), most = -least;
     for (const Index<Dim>& face : faces[s].members) {
       std::size_t site = 0, stride = 1;
       for (int a = 0; a < Dim; ++a) {
@@ -283,12 +244,7 @@ std::vector<SwitchingSheet<Dim>> find_switching_sheets(const MomentumScale<Dim, 
           most[a] = std::max(most[a], at);
         }
     }
-    for (int a = 0; a < Dim; ++a) {
-      const int low = std::max(0, static_cast<int>(std::floor(least[a])) - 4);
-      const int high = std::min(lattice.size[a] - 1, static_cast<int>(std::ceil(most[a])) + 4);
-      sheet.low[a] = a == sheet.axis ? 0 : low;
-      sheet.size[a] = a == sheet.axis ? 1 : std::max(1, high - low + 1);
-    }
+    span_columns(sheet, least, most);
     for (const Field<T>& place : places)
       sheet.nodes.push_back(cover<Dim, T>(sheet, faces[s], place.empty() ? nullptr : place.data()));
   }

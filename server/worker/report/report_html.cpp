@@ -21,7 +21,7 @@ using namespace drawing;
 namespace {
 
 template <int Dim>
-std::string describe(const ImageGrid<Dim>& grid) {
+std::string grid_text(const ImageGrid<Dim>& grid) {
   std::ostringstream text;
   for (int axis = 0; axis < Dim; ++axis) text << (axis ? " x " : "") << grid.size[axis];
   text << " voxels of ";
@@ -191,7 +191,7 @@ std::string inputs_section(const ReportInput<Dim>& input) {
       for (int j = 0; j < Dim; ++j) direction += (j ? " " : i ? "; " : "") + number(grid.direction(i, j), 3);
     }
     const auto digest = input.digests.find(name);
-    return std::vector<std::string>{name, describe(grid), origin, direction,
+    return std::vector<std::string>{name, grid_text(grid), origin, direction,
                                     digest == input.digests.end() ? "" : digest->second};
   };
   std::vector<std::vector<std::string>> rows{row("fixed", input.input->fixed.grid),
@@ -246,7 +246,7 @@ std::string report_html(const ReportInput<Dim>& input) {
       content_policy() + "\"><meta name=\"viewport\" content=\"width=device-width, initial-scale=1\"><title>" + title +
       "</title><style>" + page_style + "</style></head><body><main>\n<h1>" + title + "</h1>\n<p class=\"lead\">Model " +
       to_string(options.model) + ", similarity " + to_string(options.similarity) + ", preset " +
-      to_string(options.preset) + "; fixed image " + describe(input.input->fixed.grid) + "</p>\n";
+      to_string(options.preset) + "; fixed image " + grid_text(input.input->fixed.grid) + "</p>\n";
   html += cards(input, analysis);
   html += findings_section(findings(input, analysis));
   html += figure_sections(input, analysis);

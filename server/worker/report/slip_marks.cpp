@@ -1,13 +1,11 @@
 #include "server/worker/report/slip_marks.h"
 
-#include "core/drawing/colour_map.h"
+#include "server/worker/report/slip_paths.h"
 
 #include <Eigen/Geometry>
 
 #include <algorithm>
-#include <array>
 #include <cmath>
-#include <cstdio>
 #include <map>
 
 namespace saltus::report {
@@ -16,39 +14,18 @@ using namespace drawing;
 
 namespace {
 
-// One path for each class of slip, so that a page does not carry a colour for each of a thousand pieces.
-constexpr int classes = 12;
 constexpr double parallel = 0.95;  // cosine between normals of a piece and of a slice that it lies in
 constexpr double neighbourhood = 3;
-
-std::string text_of(const Colour& colour) {
-  char text[8];
-  std::snprintf(text, sizeof text, "#%02x%02x%02x", colour[0], colour[1], colour[2]);
-  return text;
-}
-
-void add_line(std::string& path, const Vector<2>& from, const Vector<2>& to) {
-  char text[96];
-  std::snprintf(text, sizeof text, "M%.1f %.1fL%.1f %.1f", from[0], from[1], to[0], to[1]);
-  path += text;
-}
-
-void add_square(std::string& path, const Vector<2>& middle, double side) {
-  char text[96];
-  std::snprintf(text, sizeof text, "M%.1f %.1fh%.1fv%.1fh%.1fZ", middle[0] - side / 2, middle[1] - side / 2, side, side,
-                -side);
-  path += text;
-}
 
 }  // namespace
 
 template <int Dim>
 std::string slip_marks(const SlipSurface<Dim>& surface, const ImageGrid<Dim>& grid, const SlicePlane<Dim>& plane,
                        double most_mm) {
-  std::array<std::string, classes> lines, squares;
+  SlipPaths paths(most_mm);
   for (const SlipPoint<Dim>& point : surface.points) {
     const Vector<Dim> at = grid.to_index(point.position);
-    const int kind = std::clamp(static_cast<int>(classes * point.jump.norm() / most_mm), 0, classes - 1);
+    const double slip = point.jump.norm();
     Vector<Dim> along;
     double length = point.area;
     if constexpr (Dim == 2) {
@@ -58,23 +35,17 @@ std::string slip_marks(const SlipSurface<Dim>& surface, const ImageGrid<Dim>& gr
       length = std::sqrt(point.area);
       const Vector<3> across = grid.direction.col(plane.slice_axis);
       if (std::abs(point.normal.dot(across)) > parallel) {
-        add_square(squares[kind], plane.picture_point(at, grid), length / plane.pixel_mm);
+        const Vector<2> middle = plane.picture_point(at, grid), half = Vector<2>::Constant(length / plane.pixel_mm / 2);
+        paths.add_rectangle(slip, middle - half, middle + half);
         continue;
       }
       along = point.normal.cross(across).normalized();
     }
     const Vector<Dim> half = length / 2 * along;
-    add_line(lines[kind], plane.picture_point(grid.to_index(point.position - half), grid),
-             plane.picture_point(grid.to_index(point.position + half), grid));
+    paths.add_line(slip, plane.picture_point(grid.to_index(point.position - half), grid),
+                   plane.picture_point(grid.to_index(point.position + half), grid));
   }
-  std::string paths;
-  for (int kind = 0; kind < classes; ++kind) {
-    const std::string colour = text_of(interface_colour((kind + 0.5) / classes));
-    if (!squares[kind].empty())
-      paths += "<path class=\"face\" style=\"fill:" + colour + "\" d=\"" + squares[kind] + "\"/>";
-    if (!lines[kind].empty()) paths += "<path style=\"stroke:" + colour + "\" d=\"" + lines[kind] + "\"/>";
-  }
-  return paths;
+  return paths.text();
 }
 
 template <int Dim>

@@ -6,6 +6,7 @@
 #include <numeric>
 
 #include "core/momenta/oriented_momenta.h"
+#include "core/momenta/spread_normals.h"
 
 namespace saltus {
 namespace {

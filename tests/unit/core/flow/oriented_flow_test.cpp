@@ -12,6 +12,7 @@
 #include <functional>
 
 #include "core/grid/image_grid.h"
+#include "core/momenta/spread_normals.h"
 
 namespace saltus {
 namespace {

@@ -3,6 +3,7 @@
 #include "core/momenta/oriented_momenta.h"
 
 #include "core/kernels/kernel_profile.h"
+#include "core/momenta/spread_normals.h"
 #include "core/support/errors.h"
 #include "tests/support/finite_differences.h"
 #include "tests/support/lattices.h"

@@ -8,6 +8,7 @@
 
 #include "core/flow/backward_map.h"
 #include "core/flow/geodesic_shooting.h"
+#include "core/momenta/spread_normals.h"
 #include "core/registration/scales.h"
 #include "core/slip/measure_slip.h"
 

@@ -1,0 +1,248 @@
+#include "core/registration/pick_elements.h"
+#include "core/registration/working_set.h"
+
+#include <algorithm>
+#include <cmath>
+#include <iterator>
+
+namespace saltus {
+
+/// What may join beside the active elements, for a look at x.
+template <int Dim, class T>
+void WorkingSet<Dim, T>::list_candidates(std::size_t scale, const std::vector<T>& x) {
+  Oriented& oriented = oriented_[scale];
+  const std::vector<std::uint32_t>& candidates = oriented.momenta->turned();
+  const T* values = x.data() + sparsity_[oriented.range].begin;
+  oriented.listed.clear();
+  std::set_union(candidates.begin(), candidates.end(), oriented.active.begin(), oriented.active.end(),
+                 std::back_inserter(oriented.listed));
+  oriented.values.assign((Dim - 1) * oriented.listed.size(), T(0));
+  oriented.gradient.assign(oriented.values.size(), T(0));
+  pick_elements<Dim>(oriented.active, values, oriented.listed, oriented.values.data());
+}
+
+/// Whether none of the two sites beside an element's, along its normal, pulls harder.
+template <int Dim, class T>
+bool WorkingSet<Dim, T>::is_ridge(const Oriented& oriented, std::uint32_t element,
+                                  const std::vector<float>& pull) const {
+  const Lattice<Dim>& lattice = oriented.momenta->lattice();
+  const std::size_t site = oriented.momenta->site_of(element);
+  const T* normal = oriented.momenta->turned_normals().data() + Dim * site;
+  double steps[Dim], most = 0;
+  for (int a = 0; a < Dim; ++a) most = std::max(most, std::abs(steps[a] = normal[a] / lattice.spacing[a]));
+  for (int side : {-1, 1}) {
+    std::size_t rest = site, stride = 1, beside = 0;
+    bool is_inside = true;
+    for (int a = 0; a < Dim; ++a) {
+      const auto length = static_cast<std::size_t>(lattice.size[a]);
+      const long at = static_cast<long>(rest % length) + side * std::lround(steps[a] / most);
+      is_inside = is_inside && at >= 0 && at < lattice.size[a];
+      beside += static_cast<std::size_t>(at) * stride;
+      rest /= length;
+      stride *= length;
+    }
+    if (is_inside && pull[beside] > pull[site]) return false;
+  }
+  return true;
+}
+
+/// The elements that are to be there from now on; `changes` becomes true when they are not those that are.
+template <int Dim, class T>
+std::vector<std::uint32_t> WorkingSet<Dim, T>::wanted_elements(const Oriented& oriented, const MinimiserState<T>& state,
+                                                               bool& changes) {
+  const GroupSparsity& range = sparsity_[oriented.range];
+  const std::vector<float>& factors = factors_[oriented.range];
+  const auto is_zero = [](const T* values) {
+    return std::all_of(values, values + Dim - 1, [](T value) { return value == T(0); });
+  };
+  const auto excess = [&](std::uint32_t element, const T* gradient) {  // how many times its weight an element pulls
+    double square = 0;
+    for (int c = 0; c < Dim - 1; ++c) square += static_cast<double>(gradient[c]) * gradient[c];
+    return std::sqrt(square) / (factors.empty() ? range.weight : range.weight * factors[element]);
+  };
+  const auto pulls = [&](std::uint32_t element, const T* gradient) { return excess(element, gradient) > 1; };
+  std::vector<std::uint32_t> staying, joining;
+  for (std::size_t e = 0; e < oriented.active.size(); ++e) {
+    const std::size_t at = range.begin + (Dim - 1) * e;
+    bool stays =
+        range.weight == 0 || !is_zero(state.x.data() + at) || pulls(oriented.active[e], state.gradient.data() + at);
+    for (const CurvaturePair<T>& pair : state.pairs) stays = stays || !is_zero(pair.s.data() + at);
+    if (stays) staying.push_back(oriented.active[e]);
+  }
+  // Of those that pull side by side across an interface the one that pulls most joins; a neighbour may when it still
+  // pulls at the next look.
+  std::vector<float> pull(oriented.listed.empty() ? 0 : oriented.momenta->lattice().sites());
+  for (std::size_t e = 0; e < oriented.listed.size(); ++e) {
+    float& most = pull[oriented.momenta->site_of(oriented.listed[e])];
+    most = std::max(most, static_cast<float>(excess(oriented.listed[e], oriented.gradient.data() + (Dim - 1) * e)));
+  }
+  for (std::size_t e = 0; e < oriented.listed.size(); ++e)
+    if (excess(oriented.listed[e], oriented.gradient.data() + (Dim - 1) * e) > 1 &&
+        !std::binary_search(oriented.active.begin(), oriented.active.end(), oriented.listed[e]) &&
+        is_ridge(oriented, oriented.listed[e], pull))
+      joining.push_back(oriented.listed[e]);
+  const std::size_t idle = oriented.active.size() - staying.size();
+  const bool shrinks = idle > 0 && 4 * idle >= oriented.active.size();
+  changes = changes || shrinks || !joining.empty();
+  const std::vector<std::uint32_t>& kept = shrinks ? staying : oriented.active;
+  std::vector<std::uint32_t> now;
+  std::merge(kept.begin(), kept.end(), joining.begin(), joining.end(), std::back_inserter(now));
+  return now;
+}
+
+/// Marks the blocks that have to be there: momenta that are, or were within the pairs, other than 0, and those that
+/// want to be. Whether these are not the ones that are; blocks that may leave stay marked while they are few.
+template <int Dim, class T>
+bool WorkingSet<Dim, T>::wanted_blocks(MinimiserState<T>& state, std::vector<std::vector<char>>& wanted) {
+  wanted.assign(blocks_.size(), {});
+  std::size_t active = 0, idle = 0, joining = 0;
+  for (std::size_t s = 0; s < scales_.size(); ++s) {
+    const FirstOrder& first = first_[s];
+    for (int field = 0; field < first.fields; ++field) {
+      const std::size_t r = first.range + field;
+      const GroupSparsity& range = sparsity_[r];
+      const BlockSet<Dim>& blocks = blocks_[r];
+      std::vector<char>& needed = wanted[r];
+      needed.assign(blocks.blocks(), range.weight == 0);
+      blocks.mark_nonzero(Dim, state.x.data() + range.begin, needed);
+      for (const CurvaturePair<T>& pair : state.pairs) blocks.mark_nonzero(Dim, pair.s.data() + range.begin, needed);
+      const T* gradient = gradient_at_all_sites(s, state.gradient) + field * scales_[s]->field_size();
+      const std::vector<float>& factors = factors_[r];
+      const std::size_t count = needed.size();
+      std::vector<char> is_active(count, 0);
+      for (std::uint32_t block : blocks.active()) is_active[block] = 1;
+#pragma omp parallel for schedule(static)
+      for (std::size_t block = 0; block < count; ++block)
+        if (!needed[block] && (looks_everywhere_ || is_active[block]))
+          needed[block] = blocks.any_site(block, [&](std::size_t site) {
+            double square = 0;
+            for (int k = 0; k < Dim; ++k) {
+              const double g = gradient[Dim * site + k];
+              square += g * g;
+            }
+            return std::sqrt(square) > (factors.empty() ? range.weight : range.weight * factors[site]);
+          });
+      const auto all = static_cast<std::size_t>(std::count(needed.begin(), needed.end(), 1));
+      std::size_t staying = 0;
+      for (std::uint32_t block : blocks.active()) staying += needed[block];
+      active += blocks.active().size();
+      idle += blocks.active().size() - staying;
+      joining += all - staying;
+    }
+  }
+  const bool shrinks = idle > 0 && 4 * idle >= active;
+  for (std::size_t r = 0; r < blocks_.size() && !shrinks; ++r)
+    for (std::uint32_t block : blocks_[r].active()) wanted[r][block] = 1;
+  return joining > 0 || shrinks;
+}
+
+template <int Dim, class T>
+typename WorkingSet<Dim, T>::Layout WorkingSet<Dim, T>::layout() const {
+  Layout layout{zeroth_at_, {}, blocks_, active_elements(), {}};
+  for (const GroupSparsity& range : sparsity_) layout.begins.push_back(range.begin);
+  for (const FirstOrder& first : first_) layout.was_complete.push_back(has_all_blocks(first));
+  return layout;
+}
+
+/// Values in x's layout as it is now from those in the layout before; what was not there is 0.
+template <int Dim, class T>
+void WorkingSet<Dim, T>::reshape(const Layout& before, std::vector<T>& values) const {
+  std::vector<T> now(size_);
+  for (std::size_t s = 0; s < scales_.size(); ++s)
+    if (has_zeroth(scales_[s]->options().orders))
+      std::copy_n(values.data() + before.zeroth_at[s], scales_[s]->field_size(), now.data() + zeroth_at_[s]);
+  for (std::size_t r = 0; r < blocks_.size(); ++r)
+    blocks_[r].gather_from(before.blocks[r], Dim, values.data() + before.begins[r], now.data() + sparsity_[r].begin);
+  for (std::size_t s = 0; s < scales_.size(); ++s)
+    if (oriented_[s].momenta)
+      pick_elements<Dim>(before.elements[s], values.data() + before.begins[oriented_[s].range], oriented_[s].active,
+                         now.data() + sparsity_[oriented_[s].range].begin);
+  values = std::move(now);
+}
+
+/// Gradients of what has joined, from where the last evaluation left them. What was complete had them in the state.
+template <int Dim, class T>
+void WorkingSet<Dim, T>::fetch_gradients(const Layout& before, MinimiserState<T>& state) const {
+  for (std::size_t s = 0; s < scales_.size(); ++s)
+    for (int field = 0; field < first_[s].fields && !before.was_complete[s]; ++field) {
+      const GroupSparsity& range = sparsity_[first_[s].range + field];
+      blocks_[first_[s].range + field].gather(Dim, first_[s].gradient.data() + field * scales_[s]->field_size(),
+                                              state.gradient.data() + range.begin);
+      precondition(range, state.gradient, state.preconditioned);
+    }
+}
+
+template <int Dim, class T>
+bool WorkingSet<Dim, T>::revise(MinimiserState<T>& state) {
+  std::vector<std::vector<char>> wanted;
+  bool changes = wanted_blocks(state, wanted);
+  std::vector<std::vector<std::uint32_t>> elements(scales_.size());
+  for (std::size_t s = 0; s < scales_.size(); ++s)
+    if (oriented_[s].momenta) elements[s] = wanted_elements(oriented_[s], state, changes);
+  if (!changes) return false;
+
+  const Layout before = layout();
+  for (std::size_t s = 0; s < scales_.size(); ++s)
+    for (std::size_t r = first_[s].range; r < first_[s].range + first_[s].fields; ++r) {
+      std::vector<std::uint32_t> numbers;
+      for (std::size_t block = 0; block < wanted[r].size(); ++block)
+        if (wanted[r][block]) numbers.push_back(static_cast<std::uint32_t>(block));
+      blocks_[r] = BlockSet<Dim>(scales_[s]->lattice(), std::move(numbers));
+    }
+  std::vector<std::vector<std::uint32_t>> looked(scales_.size());  // lay_out forgets them
+  for (std::size_t s = 0; s < scales_.size(); ++s) {
+    oriented_[s].active = std::move(elements[s]);
+    looked[s] = oriented_[s].listed;
+  }
+  lay_out();
+  gather_factors();
+
+  reshape(before, state.x);
+  reshape(before, state.gradient);
+  reshape(before, state.preconditioned);
+  for (CurvaturePair<T>& pair : state.pairs) {
+    reshape(before, pair.s);
+    reshape(before, pair.y);
+    reshape(before, pair.y_preconditioned);
+  }
+  fetch_gradients(before, state);
+  for (std::size_t s = 0; s < scales_.size(); ++s) {
+    if (looked[s].empty()) continue;
+    const GroupSparsity& range = sparsity_[oriented_[s].range];
+    pick_elements<Dim>(looked[s], oriented_[s].gradient.data(), oriented_[s].active,
+                       state.gradient.data() + range.begin);
+    precondition(range, state.gradient, state.preconditioned);
+  }
+  return true;
+}
+
+template <int Dim, class T>
+FirstOrderPromise WorkingSet<Dim, T>::promise(std::vector<T>& gradient, double similarity) {
+  double gain = 0, along = 0, across = 0;
+  for (std::size_t s = 0; s < scales_.size(); ++s)
+    for (int axis = 0; axis < first_[s].fields; ++axis) {
+      const std::size_t r = first_[s].range + axis;
+      const T* all = gradient_at_all_sites(s, gradient) + axis * scales_[s]->field_size();
+      for (std::size_t site = 0; site < scales_[s]->lattice().sites(); ++site) {
+        double square = 0;
+        for (int k = 0; k < Dim; ++k) square += static_cast<double>(all[Dim * site + k]) * all[Dim * site + k];
+        const double above = std::sqrt(square) - sparsity_[r].weight * (factors_[r].empty() ? 1.0 : factors_[r][site]);
+        if (!(above > 0)) continue;
+        const double normal = static_cast<double>(all[Dim * site + axis]) * all[Dim * site + axis];
+        gain += sparsity_[r].inverse_stiffness / 2 * above * above;
+        along += sparsity_[r].inverse_stiffness * (square - normal) / (Dim - 1);
+        across += sparsity_[r].inverse_stiffness * normal;
+      }
+    }
+  FirstOrderPromise promise;
+  if (similarity != 0) promise.gain = gain / std::abs(similarity);
+  if (across > 0) promise.shear = along / across;
+  return promise;
+}
+
+template class WorkingSet<2, float>;
+template class WorkingSet<3, float>;
+template class WorkingSet<2, double>;
+template class WorkingSet<3, double>;
+
+}  // namespace saltus
