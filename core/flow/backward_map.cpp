@@ -41,14 +41,14 @@ void BackwardMap<Dim, T>::adjoint(const std::vector<Field<T>>& velocities, const
     advance<Dim, T>(points_, from, from, lattice_, v_next, -dt, predicted_.data());
     std::fill(predicted_dual_.begin(), predicted_dual_.end(), T(0));
     advance_adjoint<Dim, T>(points_, predicted_.data(), lattice_, velocities[k].data(), -dt / 2, position_dual_.data(),
-                            plan_, velocity_duals[k].data(), predicted_dual_.data());
+                            velocity_duals[k].data(), predicted_dual_.data());
     const std::size_t count = dual.size();
 #pragma omp parallel for simd schedule(static)
     for (std::size_t i = 0; i < count; ++i) {
       through_velocity_[i] = position_dual_[i] / 2 + predicted_dual_[i];
       position_dual_[i] += predicted_dual_[i];
     }
-    advance_adjoint<Dim, T>(points_, from, lattice_, v_next, -dt, through_velocity_.data(), plan_,
+    advance_adjoint<Dim, T>(points_, from, lattice_, v_next, -dt, through_velocity_.data(),
                             velocity_duals[k + 1].data(), from ? position_dual_.data() : nullptr);
   }
 }

@@ -1,6 +1,5 @@
 #pragma once
 
-#include "core/flow/scatter_plan.h"
 #include "core/grid/lattice.h"
 
 #include <vector>
@@ -25,7 +24,6 @@ class BackwardMap {
   int time_steps_;
   std::vector<Field<T>> position_;  ///< displacement at node k; [time_steps] is empty, meaning 0
   Field<T> predicted_, position_dual_, predicted_dual_, through_velocity_;  ///< of the adjoint; sized once
-  ScatterPlan<Dim, T> plan_;
 };
 
 /// What BackwardMap::follow gives, where no adjoint is wanted: one field and nothing else.

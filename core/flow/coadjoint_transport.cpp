@@ -1,6 +1,7 @@
 #include "core/flow/coadjoint_transport.h"
 
 #include "core/flow/jump_aware_jacobian.h"
+#include "core/flow/scatter.h"
 #include "core/support/planes.h"
 
 #include <Eigen/LU>
@@ -51,7 +52,7 @@ std::array<T, Dim> as_array(const Column<Dim, T>& column) {
 }
 
 template <int Dim, class T>
-Column<Dim, T> gather(const LinearCell<Dim, T>& cell, const T* field) {
+[[gnu::always_inline]] inline Column<Dim, T> gather(const LinearCell<Dim, T>& cell, const T* field) {
   const std::array<T, Dim> value = cell.template value<Dim>(field);
   return load<Dim, T>(value.data());
 }
@@ -162,10 +163,15 @@ void CoadjointTransport<Dim, T>::push(MovedSites<Dim, T>& sites, const T* zeroth
   const std::size_t field = Dim * lattice_.sites();
   reached.zeroth.clear(lattice_, Dim, zeroth_out);
   if (has_zeroth_) {
-    sites.plan().place_sites(lattice_, sites.displacement(), lattice_);
-    sites.plan().template add<Dim>(
+    const auto all = BlockMask<Dim>::all(lattice_);
+    scatter<Dim, Dim, T>(
+        MovedPoints<Dim, T>(lattice_, all, sites.displacement(), lattice_), lattice_,
         [&](std::size_t site, std::array<T, Dim>& out) {
           if (is_zero<Dim, T>(zeroth + Dim * site)) return false;
+          if (!sites.has_jacobians()) {
+            std::copy_n(zeroth + Dim * site, Dim, out.begin());
+            return true;
+          }
           out = as_array<Dim, T>(sites.inverse_jacobian(site).transpose() * load<Dim, T>(zeroth + Dim * site));
           return true;
         },
@@ -223,17 +229,15 @@ void CoadjointTransport<Dim, T>::push_faces(MovedSites<Dim, T>& sites, int axis,
       ++k;
     });
   }
-  ScatterPlan<Dim, T>& plan = sites.plan();
-  plan.resize(elements.size());
   for (int b = -1; b < Dim; ++b) {
     if (!exact && b != axis) continue;  // nothing turns into another order or axis
-#pragma omp parallel for schedule(static)
-    for (std::size_t i = 0; i < elements.size(); ++i) {
-      plan.points()[i] = elements[i].at;
-      if (b >= 0) plan.points()[i][b] -= T(0.5);
-    }
-    plan.sort(lattice_);
-    plan.template add<Dim>(
+    const auto points = listed_points<Dim, T>(elements.size(), [&](std::size_t i) {
+      std::array<T, Dim> at = elements[i].at;
+      if (b >= 0) at[b] -= T(0.5);
+      return at;
+    });
+    scatter<Dim, Dim, T>(
+        points, lattice_,
         [&](std::size_t i, std::array<T, Dim>& out) {
           out = b < 0 ? turned[i].zeroth : elements[i].n;
           for (int c = 0; c < Dim && b >= 0 && exact; ++c) out[c] *= turned[i].into[b];
@@ -265,24 +269,31 @@ void CoadjointTransport<Dim, T>::push_adjoint(MovedSites<Dim, T>& sites, const T
 template <int Dim, class T>
 void CoadjointTransport<Dim, T>::zeroth_adjoint(MovedSites<Dim, T>& sites, const T* zeroth, const T* dual_field,
                                                 T* displacement_dual, T* zeroth_dual) {
-  const T* displacement = sites.displacement();
-  const SitePlacement<Dim, T> place(lattice_, lattice_);
-#pragma omp parallel for schedule(static)
-  for (int slab = 0; slab < lattice_.size[Dim - 1]; ++slab)
-    visit_slab<Dim>(lattice_, slab, [&](const Index<Dim>& index, std::size_t site) {
-      const Square<Dim, T> G = sites.inverse_jacobian(site).transpose();
-      const LinearCell<Dim, T> cell(lattice_, place(index, displacement + Dim * site));
-      const Column<Dim, T> dual = gather<Dim, T>(cell, dual_field), pulled = G.transpose() * dual;
-      add_to<Dim, T>(zeroth_dual + Dim * site, pulled);
-      if (is_zero<Dim, T>(zeroth + Dim * site)) return;
-      const Column<Dim, T> m = load<Dim, T>(zeroth + Dim * site), pushed = G * m;
-      const std::array<T, Dim> gradient = cell.template pulled_back_gradient<Dim>(dual_field, as_array<Dim, T>(pushed));
-      for (int a = 0; a < Dim; ++a)
-        displacement_dual[Dim * site + a] += gradient[a] * static_cast<T>(sites.per_mm()[a]);
-      if (evolution_ == Evolution::Carried) return;
-      // d G = -G dF^T G, so the dual of F is -G (dual m^T)^T G = -(G m) (G^T dual)^T.
-      add_to<Dim, T>(sites.jacobian_duals() + Dim * Dim * site, Square<Dim, T>(-pushed * pulled.transpose()));
+  const auto all = BlockMask<Dim>::all(lattice_);
+  const MovedPoints<Dim, T> moved(lattice_, all, sites.displacement(), lattice_);
+  if (!sites.has_jacobians()) {  // the position alone moves with the displacement
+    for_cells<Dim, T>(moved, lattice_, [&](std::size_t site, const LinearCell<Dim, T>& cell) {
+      std::array<T, Dim> m, gradient;
+      std::copy_n(zeroth + Dim * site, Dim, m.begin());
+      const std::array<T, Dim> dual = cell.template value_and_gradient<Dim>(dual_field, m, gradient);
+      for (int c = 0; c < Dim; ++c) {
+        zeroth_dual[Dim * site + c] += dual[c];
+        displacement_dual[Dim * site + c] += gradient[c] * static_cast<T>(sites.per_mm()[c]);
+      }
     });
+    return;
+  }
+  for_cells<Dim, T>(moved, lattice_, [&](std::size_t site, const LinearCell<Dim, T>& cell) {
+    const Square<Dim, T> G = sites.inverse_jacobian(site).transpose();
+    const Column<Dim, T> dual = gather<Dim, T>(cell, dual_field), pulled = G.transpose() * dual;
+    add_to<Dim, T>(zeroth_dual + Dim * site, pulled);
+    if (is_zero<Dim, T>(zeroth + Dim * site)) return;
+    const Column<Dim, T> m = load<Dim, T>(zeroth + Dim * site), pushed = G * m;
+    const std::array<T, Dim> gradient = cell.template pulled_back_gradient<Dim>(dual_field, as_array<Dim, T>(pushed));
+    for (int a = 0; a < Dim; ++a) displacement_dual[Dim * site + a] += gradient[a] * static_cast<T>(sites.per_mm()[a]);
+    // d G = -G dF^T G, so the dual of F is -G (dual m^T)^T G = -(G m) (G^T dual)^T.
+    add_to<Dim, T>(sites.jacobian_duals() + Dim * Dim * site, Square<Dim, T>(-pushed * pulled.transpose()));
+  });
 }
 
 template <int Dim, class T>
@@ -369,14 +380,14 @@ void CoadjointTransport<Dim, T>::carried_face_adjoint(const MovedSites<Dim, T>& 
 
 template <int Dim, class T>
 void CoadjointTransport<Dim, T>::pull_back(const MovedSites<Dim, T>& sites, const T* field, T scale, T* sum) const {
-  const SitePlacement<Dim, T> place(lattice_, lattice_);
-#pragma omp parallel for schedule(static)
-  for (int slab = 0; slab < lattice_.size[Dim - 1]; ++slab)
-    visit_slab<Dim>(lattice_, slab, [&](const Index<Dim>& index, std::size_t site) {
-      const LinearCell<Dim, T> cell(lattice_, place(index, sites.displacement() + Dim * site));
-      add_to<Dim, T>(sum + Dim * site,
-                     Column<Dim, T>(scale * (sites.inverse_jacobian(site) * gather<Dim, T>(cell, field))));
-    });
+  const auto all = BlockMask<Dim>::all(lattice_);
+  const MovedPoints<Dim, T> moved(lattice_, all, sites.displacement(), lattice_);
+  for_cells<Dim, T>(moved, lattice_, [&](std::size_t site, const LinearCell<Dim, T>& cell) {
+    const Column<Dim, T> value = gather<Dim, T>(cell, field);
+    add_to<Dim, T>(
+        sum + Dim * site,
+        Column<Dim, T>(scale * (sites.has_jacobians() ? Column<Dim, T>(sites.inverse_jacobian(site) * value) : value)));
+  });
 }
 
 template class CoadjointTransport<2, float>;

@@ -257,8 +257,7 @@ void GeodesicShooting<Dim, T>::adjoint(const std::vector<MomentumPointers<T>>& m
       if (k < time_steps_)
         advance_adjoint<Dim, T>(shared->lattice, shared->acting, shared->predicted[k].data(), lattice_,
                                 velocities_[end_of_step(k)].data(), dt / 2, shared->position_dual.data(),
-                                shared->sites.plan(), velocity_duals[end_of_step(k)].data(),
-                                shared->predicted_dual.data());
+                                velocity_duals[end_of_step(k)].data(), shared->predicted_dual.data());
     }
     for (ScaleState& state : states_)
       if (state.oriented && k > 0)
@@ -320,7 +319,7 @@ void GeodesicShooting<Dim, T>::adjoint(const std::vector<MomentumPointers<T>>& m
         }
       });
       advance_adjoint<Dim, T>(shared->lattice, shared->acting, pointer(shared->position[k - 1]), lattice_,
-                              velocities_[end_of_step(k - 1)].data(), dt, through_velocity, shared->sites.plan(),
+                              velocities_[end_of_step(k - 1)].data(), dt, through_velocity,
                               velocity_duals[end_of_step(k - 1)].data(), k > 1 ? position_dual : nullptr);
     }
   }

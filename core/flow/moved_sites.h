@@ -1,7 +1,6 @@
 #pragma once
 
 #include "core/flow/evolution.h"
-#include "core/flow/scatter_plan.h"
 #include "core/grid/block_mask.h"
 
 #include <Eigen/Core>
@@ -25,7 +24,6 @@ class MovedSites {
   const std::array<std::size_t, Dim>& strides() const { return stride_; }
   const std::array<double, Dim>& per_mm() const { return per_mm_; }  ///< samples a mm, by axis
   const T* displacement() const { return displacement_; }
-  ScatterPlan<Dim, T>& plan() { return plan_; }  ///< for whoever spreads something next
 
   /// Finds F for the sites in `where`; F is right at those whose neighbours are in there too, or do not exist.
   /// `displacement` must outlive the use of this.
@@ -46,7 +44,6 @@ class MovedSites {
   std::array<std::size_t, Dim> stride_;
   std::array<double, Dim> per_mm_;
   const T* displacement_ = nullptr;
-  ScatterPlan<Dim, T> plan_;
   std::vector<T> jacobian_, jacobian_dual_;
 };
 

@@ -67,7 +67,7 @@ void OrientedFlow<Dim, T>::correct_adjoint(int k, const T* velocity, T dt, T* ve
   if (is_empty()) return;
   std::fill(predicted_dual_.begin(), predicted_dual_.end(), T(0));
   if (k + 1 == static_cast<int>(predicted_.size())) return;  // the last node's position is that of nobody
-  advance_points_adjoint<Dim, T>(predicted_[k], lattice_, velocity, dt / 2, position_dual_, plan_, velocity_dual,
+  advance_points_adjoint<Dim, T>(predicted_[k], lattice_, velocity, dt / 2, position_dual_, velocity_dual,
                                  &predicted_dual_);
 }
 
@@ -89,7 +89,7 @@ void OrientedFlow<Dim, T>::predict_adjoint(int k, const T* velocity, T dt, T* ve
     through_velocity_[i] = position_dual_[i] / 2 + predicted_dual_[i];
     position_dual_[i] += predicted_dual_[i];
   }
-  advance_points_adjoint<Dim, T>(position_[k], lattice_, velocity, dt, through_velocity_, plan_, velocity_dual,
+  advance_points_adjoint<Dim, T>(position_[k], lattice_, velocity, dt, through_velocity_, velocity_dual,
                                  k > 0 ? &position_dual_ : nullptr);
 }
 

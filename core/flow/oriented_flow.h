@@ -1,6 +1,5 @@
 #pragma once
 
-#include "core/flow/scatter_plan.h"
 #include "core/grid/resampling.h"
 #include "core/momenta/oriented_momenta.h"
 
@@ -48,7 +47,6 @@ class OrientedFlow {
   const T* values_ = nullptr;
   std::vector<std::vector<T>> position_, predicted_;  ///< corners by node; predicted_[0] is not used
   std::vector<T> position_dual_, predicted_dual_, through_velocity_;
-  ScatterPlan<Dim, T> plan_;
 };
 
 }  // namespace saltus

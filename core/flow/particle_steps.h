@@ -1,8 +1,8 @@
 #pragma once
 
-#include "core/flow/scatter_plan.h"
+#include "core/flow/scatter.h"
 #include "core/grid/block_mask.h"
-#include "core/grid/interpolation.h"
+#include "core/grid/cell_lanes.h"
 
 #include <algorithm>
 
@@ -25,13 +25,17 @@ void advance(const Lattice<Dim>& points, const BlockMask<Dim>& where, const T* a
   }
   const SitePlacement<Dim, T> place(points, velocity_lattice);
 #pragma omp parallel for schedule(static)
-  for (int slab = 0; slab < points.size[Dim - 1]; ++slab)
-    where.visit_sites(points, slab, [&](const Index<Dim>& index, std::size_t site) {
-      static constexpr T none[Dim] = {};
-      const LinearCell<Dim, T> cell(velocity_lattice, place(index, at ? at + Dim * site : none));
-      const std::array<T, Dim> v = cell.template value<Dim>(velocity);
-      for (int c = 0; c < Dim; ++c) out[Dim * site + c] = (a ? a[Dim * site + c] : T(0)) + factor * v[c];
+  for (int slab = 0; slab < points.size[Dim - 1]; ++slab) {
+    CellLanes<Dim, T> cells(velocity_lattice);
+    where.visit_pieces(points, slab, cells.kLanes, [&](const Index<Dim>& index, std::size_t site, int count) {
+      cells.find(placed<Dim, T>(place, index, at ? lanes_of<Dim, T>(at + Dim * site, count) : LanePoints<Dim, T>{}));
+      for (int lane = 0; lane < count; ++lane) {
+        const std::array<T, Dim> v = cells.cell(lane).template value<Dim>(velocity);
+        const std::size_t first = Dim * (site + static_cast<std::size_t>(lane));
+        for (int c = 0; c < Dim; ++c) out[first + c] = (a ? a[first + c] : T(0)) + factor * v[c];
+      }
     });
+  }
 }
 
 /// Of all sites.
@@ -48,69 +52,74 @@ void advance_heun(const Lattice<Dim>& points, const T* d, const Lattice<Dim>& ve
                   const T* second, T step, T* out) {
   const SitePlacement<Dim, T> place(points, velocity_lattice);
   const bool on_samples = !d && points == velocity_lattice;
-  const auto sample = [&](const Index<Dim>& index, const T* at, const T* velocity) {
-    return LinearCell<Dim, T>(velocity_lattice, place(index, at)).template value<Dim>(velocity);
-  };
+  const auto all = BlockMask<Dim>::all(points);
 #pragma omp parallel for schedule(static)
-  for (int slab = 0; slab < points.size[Dim - 1]; ++slab)
-    visit_slab<Dim>(points, slab, [&](const Index<Dim>& index, std::size_t site) {
-      T from[Dim] = {}, predicted[Dim], middle[Dim];
-      if (d) std::copy_n(d + Dim * site, Dim, from);
-      std::array<T, Dim> v;
-      if (on_samples)
-        std::copy_n(first + Dim * site, Dim, v.begin());
-      else
-        v = sample(index, from, first);
-      for (int c = 0; c < Dim; ++c) {
-        predicted[c] = from[c] + step * v[c];
-        middle[c] = from[c] + step / 2 * v[c];
+  for (int slab = 0; slab < points.size[Dim - 1]; ++slab) {
+    CellLanes<Dim, T> cells(velocity_lattice);
+    const auto sample = [&](const Index<Dim>& index, int count, const LanePoints<Dim, T>& at, const T* velocity) {
+      LanePoints<Dim, T> values{};
+      cells.find(placed<Dim, T>(place, index, at));
+      for (int lane = 0; lane < count; ++lane) {
+        const std::array<T, Dim> v = cells.cell(lane).template value<Dim>(velocity);
+        for (int c = 0; c < Dim; ++c) values[c][lane] = v[c];
       }
-      v = sample(index, predicted, second);
-      for (int c = 0; c < Dim; ++c) out[Dim * site + c] = middle[c] + step / 2 * v[c];
+      return values;
+    };
+    all.visit_pieces(points, slab, cells.kLanes, [&](const Index<Dim>& index, std::size_t site, int count) {
+      const LanePoints<Dim, T> from = d ? lanes_of<Dim, T>(d + Dim * site, count) : LanePoints<Dim, T>{};
+      LanePoints<Dim, T> v =
+          on_samples ? lanes_of<Dim, T>(first + Dim * site, count) : sample(index, count, from, first);
+      LanePoints<Dim, T> predicted, middle;
+      for (int c = 0; c < Dim; ++c)
+#pragma omp simd
+        for (int lane = 0; lane < cells.kLanes; ++lane) {
+          predicted[c][lane] = from[c][lane] + step * v[c][lane];
+          middle[c][lane] = from[c][lane] + step / 2 * v[c][lane];
+        }
+      v = sample(index, count, predicted, second);
+      for (int lane = 0; lane < count; ++lane)
+        for (int c = 0; c < Dim; ++c)
+          out[Dim * (site + static_cast<std::size_t>(lane)) + c] = middle[c][lane] + step / 2 * v[c][lane];
     });
+  }
 }
 
 /// Adjoint of `advance` with respect to the velocity and to `at`: with the dual of `out`,
 /// velocity_dual += transpose of the sampling, at_dual += (gradient of v)^T factor * dual. `at_dual` may be null.
 template <int Dim, class T>
 void advance_adjoint(const Lattice<Dim>& points, const BlockMask<Dim>& where, const T* at,
-                     const Lattice<Dim>& velocity_lattice, const T* velocity, T factor, const T* dual,
-                     ScatterPlan<Dim, T>& plan, T* velocity_dual, T* at_dual) {
+                     const Lattice<Dim>& velocity_lattice, const T* velocity, T factor, const T* dual, T* velocity_dual,
+                     T* at_dual) {
   if (!at && !at_dual && points == velocity_lattice) {
     where.for_runs(points, [&](std::size_t begin, std::size_t count) {
       for (std::size_t i = Dim * begin; i < Dim * (begin + count); ++i) velocity_dual[i] += factor * dual[i];
     });
     return;
   }
-  plan.place_sites(points, where, at, velocity_lattice);
-  plan.template add<Dim>(
-      [&](std::size_t point, std::array<T, Dim>& out) {
-        const T* given = dual + Dim * plan.site(point);
-        bool any = false;
-        for (int c = 0; c < Dim; ++c) {
-          out[c] = factor * given[c];
-          any = any || out[c] != T(0);
-        }
-        return any;
-      },
-      velocity_dual);
-  if (!at_dual) return;
-  const std::size_t count = plan.size();
-#pragma omp parallel for schedule(static)
-  for (std::size_t point = 0; point < count; ++point) {
-    const std::size_t site = plan.site(point);
-    std::array<T, Dim> value;
-    for (int c = 0; c < Dim; ++c) value[c] = factor * dual[Dim * site + c];
-    const std::array<T, Dim> gradient = plan.cell(point).template pulled_back_gradient<Dim>(velocity, value);
-    for (int c = 0; c < Dim; ++c) at_dual[Dim * site + c] += gradient[c] / static_cast<T>(velocity_lattice.spacing[c]);
-  }
+  const MovedPoints<Dim, T> moved(points, where, at, velocity_lattice);
+  const auto scaled_dual = [&](std::size_t site, std::array<T, Dim>& out) {
+    bool any = false;
+    for (int c = 0; c < Dim; ++c) {
+      out[c] = factor * dual[Dim * site + c];
+      any = any || out[c] != T(0);
+    }
+    return any;
+  };
+  if (!at_dual) return scatter<Dim, Dim, T>(moved, velocity_lattice, scaled_dual, velocity_dual);
+  std::array<T, Dim> per_mm;
+  for (int c = 0; c < Dim; ++c) per_mm[c] = static_cast<T>(1 / velocity_lattice.spacing[c]);
+  scatter<Dim, Dim, T>(moved, velocity_lattice, scaled_dual, velocity_dual,
+                       [&](std::size_t site, const LinearCell<Dim, T>& cell, const std::array<T, Dim>& value) {
+                         const std::array<T, Dim> gradient = cell.template pulled_back_gradient<Dim>(velocity, value);
+                         for (int c = 0; c < Dim; ++c) at_dual[Dim * site + c] += gradient[c] * per_mm[c];
+                       });
 }
 
 /// Of all sites.
 template <int Dim, class T>
 void advance_adjoint(const Lattice<Dim>& points, const T* at, const Lattice<Dim>& velocity_lattice, const T* velocity,
-                     T factor, const T* dual, ScatterPlan<Dim, T>& plan, T* velocity_dual, T* at_dual) {
-  advance_adjoint<Dim, T>(points, BlockMask<Dim>::all(points), at, velocity_lattice, velocity, factor, dual, plan,
+                     T factor, const T* dual, T* velocity_dual, T* at_dual) {
+  advance_adjoint<Dim, T>(points, BlockMask<Dim>::all(points), at, velocity_lattice, velocity, factor, dual,
                           velocity_dual, at_dual);
 }
 

@@ -1,7 +1,6 @@
 #pragma once
 
-#include "core/flow/scatter_plan.h"
-#include "core/grid/interpolation.h"
+#include "core/flow/scatter.h"
 
 #include <vector>
 
@@ -35,31 +34,24 @@ void advance_points(const std::vector<T>& a, const std::vector<T>& at, const Lat
 /// at_dual += (gradient of v)^T factor * dual (null: not).
 template <int Dim, class T>
 void advance_points_adjoint(const std::vector<T>& at, const Lattice<Dim>& velocity_lattice, const T* velocity, T factor,
-                            const std::vector<T>& dual, ScatterPlan<Dim, T>& plan, T* velocity_dual,
-                            std::vector<T>* at_dual) {
-  const std::size_t count = at.size() / Dim;
-  plan.resize(count);
-#pragma omp parallel for schedule(static)
-  for (std::size_t p = 0; p < count; ++p) plan.points()[p] = index_of<Dim, T>(velocity_lattice, at.data() + Dim * p);
-  plan.sort(velocity_lattice);
-  plan.template add<Dim>(
-      [&](std::size_t p, std::array<T, Dim>& out) {
-        bool any = false;
-        for (int c = 0; c < Dim; ++c) {
-          out[c] = factor * dual[Dim * p + c];
-          any = any || out[c] != T(0);
-        }
-        return any;
-      },
-      velocity_dual);
-  if (!at_dual) return;
-#pragma omp parallel for schedule(static)
-  for (std::size_t p = 0; p < count; ++p) {
-    std::array<T, Dim> value;
-    for (int c = 0; c < Dim; ++c) value[c] = factor * dual[Dim * p + c];
-    const std::array<T, Dim> gradient = plan.cell(p).template pulled_back_gradient<Dim>(velocity, value);
-    for (int c = 0; c < Dim; ++c) (*at_dual)[Dim * p + c] += gradient[c] / static_cast<T>(velocity_lattice.spacing[c]);
-  }
+                            const std::vector<T>& dual, T* velocity_dual, std::vector<T>* at_dual) {
+  const auto points = listed_points<Dim, T>(
+      at.size() / Dim, [&](std::size_t p) { return index_of<Dim, T>(velocity_lattice, at.data() + Dim * p); });
+  const auto scaled_dual = [&](std::size_t p, std::array<T, Dim>& out) {
+    bool any = false;
+    for (int c = 0; c < Dim; ++c) {
+      out[c] = factor * dual[Dim * p + c];
+      any = any || out[c] != T(0);
+    }
+    return any;
+  };
+  if (!at_dual) return scatter<Dim, Dim, T>(points, velocity_lattice, scaled_dual, velocity_dual);
+  scatter<Dim, Dim, T>(points, velocity_lattice, scaled_dual, velocity_dual,
+                       [&](std::size_t p, const LinearCell<Dim, T>& cell, const std::array<T, Dim>& value) {
+                         const std::array<T, Dim> gradient = cell.template pulled_back_gradient<Dim>(velocity, value);
+                         for (int c = 0; c < Dim; ++c)
+                           (*at_dual)[Dim * p + c] += gradient[c] / static_cast<T>(velocity_lattice.spacing[c]);
+                       });
 }
 
 }  // namespace saltus

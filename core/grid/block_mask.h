@@ -95,6 +95,28 @@ class BlockMask {
     });
   }
 
+  /// visit(index, site, count) for pieces of rows, of at most `longest` sites from `index` on along x, that together
+  /// are the sites of one slab.
+  template <class Visit>
+  void visit_pieces(const Lattice<Dim>& lattice, int slab, int longest, Visit&& visit) const {
+    const auto width = static_cast<std::size_t>(lattice.size[0]);
+    visit_slab_runs(lattice, slab, [&](std::size_t begin, std::size_t count) {
+      for (std::size_t site = begin; site < begin + count;) {
+        Index<Dim> index;
+        index[0] = static_cast<int>(site % width);
+        if constexpr (Dim == 3) index[1] = static_cast<int>(site / width % static_cast<std::size_t>(lattice.size[1]));
+        index[Dim - 1] = slab;
+        const std::size_t row_end = std::min(begin + count, site - site % width + width);
+        while (site < row_end) {
+          const int piece = static_cast<int>(std::min<std::size_t>(static_cast<std::size_t>(longest), row_end - site));
+          visit(index, site, piece);
+          site += static_cast<std::size_t>(piece);
+          index[0] += piece;
+        }
+      }
+    });
+  }
+
   /// Writes 0 to all sites in here.
   template <class T>
   void clear(const Lattice<Dim>& lattice, std::size_t channels, T* field) const {

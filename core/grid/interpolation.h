@@ -20,6 +20,8 @@ struct LinearCell {
   std::array<std::size_t, Dim> step;  ///< site step to the upper corner along each axis, 0 where there is none
   std::array<T, Dim> slope;           ///< d fraction / d index coordinate: 1 inside, 0 where clamped
 
+  /// For who finds cells otherwise (cell_lanes.h).
+  LinearCell() = default;
   /// `at`: index coordinates, in samples.
   [[gnu::always_inline]] LinearCell(const Lattice<Dim>& lattice, const std::array<T, Dim>& at) {
     base = 0;

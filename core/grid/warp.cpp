@@ -1,9 +1,15 @@
 #include "core/grid/warp.h"
 
-#include "core/grid/interpolation.h"
+#include "core/grid/block_mask.h"
+#include "core/grid/cell_lanes.h"
 
 namespace saltus {
 namespace {
+
+template <int Dim, class T>
+constexpr int kLanes = CellLanes<Dim, T>::kLanes;
+template <int Dim, class T>
+using Lanes = typename CellLanes<Dim, T>::Lanes;
 
 /// Index coordinates as base + index-wise steps + linear * displacement, so that the large part stays in double.
 template <int Dim, class T>
@@ -22,16 +28,18 @@ struct PointMap {
     }
   }
 
-  std::array<T, Dim> operator()(const Index<Dim>& index, const T* mm) const {
-    std::array<T, Dim> at;
+  /// Of the sites from `index` on along x, with displacements `mm` (by axis).
+  [[gnu::always_inline]] LanePoints<Dim, T> operator()(const Index<Dim>& index, const LanePoints<Dim, T>& mm) const {
+    LanePoints<Dim, T> at;
     for (int row = 0; row < Dim; ++row) {
       double rest = base[row];
-      T moved = 0;
-      for (int col = 0; col < Dim; ++col) {
-        rest += step[row][col] * index[col];
-        moved += turn[row][col] * mm[col];
+      for (int col = 1; col < Dim; ++col) rest += step[row][col] * index[col];
+#pragma omp simd
+      for (int lane = 0; lane < kLanes<Dim, T>; ++lane) {
+        T moved = 0;
+        for (int col = 0; col < Dim; ++col) moved += turn[row][col] * mm[col][lane];
+        at[row][lane] = static_cast<T>(rest + step[row][0] * (index[0] + lane) + static_cast<double>(moved));
       }
-      at[row] = static_cast<T>(rest + static_cast<double>(moved));
     }
     return at;
   }
@@ -42,12 +50,17 @@ struct PointMap {
 template <int Dim, class T>
 void warp(const FramedImage<Dim, T>& image, const Lattice<Dim>& points, const T* displacement, T* out) {
   const PointMap<Dim, T> map(image, points);
+  const auto all = BlockMask<Dim>::all(points);
 #pragma omp parallel for schedule(static)
-  for (int slab = 0; slab < points.size[Dim - 1]; ++slab)
-    visit_slab<Dim>(points, slab, [&](const Index<Dim>& index, std::size_t site) {
-      out[site] = LinearCell<Dim, T>(image.lattice, map(index, displacement + Dim * site))
-                      .template value<1>(image.samples.data())[0];
+  for (int slab = 0; slab < points.size[Dim - 1]; ++slab) {
+    CellLanes<Dim, T> cells(image.lattice);
+    all.visit_pieces(points, slab, kLanes<Dim, T>, [&](const Index<Dim>& index, std::size_t site, int count) {
+      const LanePoints<Dim, T> mm = lanes_of<Dim, T>(displacement + Dim * site, count);
+      cells.find(map(index, mm));
+      const Lanes<Dim, T> values = cells.value(image.samples.data());
+      std::copy_n(values.begin(), count, out + site);
     });
+  }
 }
 
 template <int Dim, class T>
@@ -55,20 +68,30 @@ void warp_adjoint(const std::vector<WarpedDual<Dim, T>>& warped, const Lattice<D
                   T* displacement_dual) {
   std::vector<PointMap<Dim, T>> maps;
   for (const WarpedDual<Dim, T>& one : warped) maps.emplace_back(*one.image, points);
+  const auto all = BlockMask<Dim>::all(points);
 #pragma omp parallel for schedule(static)
   for (int slab = 0; slab < points.size[Dim - 1]; ++slab)
-    visit_slab<Dim>(points, slab, [&](const Index<Dim>& index, std::size_t site) {
-      std::array<T, Dim> sum{};
+    all.visit_pieces(points, slab, kLanes<Dim, T>, [&](const Index<Dim>& index, std::size_t site, int count) {
+      const LanePoints<Dim, T> mm = lanes_of<Dim, T>(displacement + Dim * site, count);
+      LanePoints<Dim, T> sum{}, gradient;
       for (std::size_t i = 0; i < maps.size(); ++i) {
-        const T dual = warped[i].dual[site];
-        if (dual == T(0)) continue;
-        const FramedImage<Dim, T>& image = *warped[i].image;
-        const std::array<T, Dim> gradient = LinearCell<Dim, T>(image.lattice, maps[i](index, displacement + Dim * site))
-                                                .template pulled_back_gradient<1>(image.samples.data(), {dual});
-        for (int col = 0; col < Dim; ++col)
-          for (int row = 0; row < Dim; ++row) sum[col] += maps[i].turn[row][col] * gradient[row];
+        Lanes<Dim, T> dual{};
+        std::copy_n(warped[i].dual + site, count, dual.begin());
+        CellLanes<Dim, T> cells(warped[i].image->lattice);
+        cells.find(maps[i](index, mm));
+        cells.value(warped[i].image->samples.data(), &gradient);
+#pragma omp simd
+        for (int lane = 0; lane < kLanes<Dim, T>; ++lane)
+          for (int col = 0; col < Dim; ++col) {
+            T along = 0;
+            for (int row = 0; row < Dim; ++row) along += maps[i].turn[row][col] * gradient[row][lane];
+            // Not a product with 0: what counts for nothing need not be a number.
+            sum[col][lane] += dual[lane] == T(0) ? T(0) : dual[lane] * along;
+          }
       }
-      for (int col = 0; col < Dim; ++col) displacement_dual[Dim * site + col] = sum[col];
+      for (int lane = 0; lane < count; ++lane)
+        for (int col = 0; col < Dim; ++col)
+          displacement_dual[Dim * (site + static_cast<std::size_t>(lane)) + col] = sum[col][lane];
     });
 }
 

@@ -1,16 +1,20 @@
 #include "core/kernels/separable_convolution.h"
 
 #include "core/kernels/block_columns.h"
+#include "core/kernels/direct_lines.h"
 #include "core/kernels/line_strips.h"
 #include "core/kernels/sliding_moments.h"
 
 namespace saltus {
 namespace {
 
-/// The shortest runs for which moments are faster, for rows of degree 0, 1 and 2, about alike for all axes. Measured
-/// with tests/benchmark/convolution_benchmark.cpp: 96^3 sites, 3 channels, float; at runs of 5 samples a value takes
-/// 0.9 to 1.4 ns either way, at 31 samples 2.3 to 2.8 ns tap by tap and 0.9 to 1.4 ns by moments.
-constexpr int kShortestRun[3] = {5, 4, 6};
+/// The shortest runs for which moments are faster, along x, y and z. Measured with
+/// tests/benchmark/convolution_benchmark.cpp: 96^3 sites, 3 channels, float; ns a value of rows with runs of 6, 12, 20 and
+/// 64 samples tap by tap along x 0.65, 1.0, 1.5, 4.3, y 0.8, 0.95, 1.3, 4.5, z 0.8, 1.0, 1.3, 4.1; by moments 1.3, 0.9 and
+/// 1.2 at all of them.
+constexpr int kShortestRun[3] = {18, 10, 16};
+/// The same where blocks are copied into columns first, whatever the axis.
+constexpr int kShortestRunOfBlocks = 5;
 
 template <class T>
 std::vector<std::pair<int, T>> numbered(const std::vector<T>& taps) {
@@ -21,9 +25,9 @@ std::vector<std::pair<int, T>> numbered(const std::vector<T>& taps) {
 }
 
 template <class T>
-bool uses_moments(const AxisTaps<T>& taps) {
+bool uses_moments(const AxisTaps<T>& taps, int shortest_run) {
   if (!taps.has_runs() || taps.method == ConvolutionMethod::Direct) return false;
-  return taps.method == ConvolutionMethod::Moments || taps.length >= kShortestRun[taps.degree];
+  return taps.method == ConvolutionMethod::Moments || taps.length >= shortest_run;
 }
 
 }  // namespace
@@ -31,16 +35,13 @@ bool uses_moments(const AxisTaps<T>& taps) {
 template <int Dim, class T>
 void convolve_axis(const Lattice<Dim>& lattice, int channels, int axis, const std::vector<T>& taps, Combine combine,
                    const T* in, T* out) {
-  const auto rows = numbered(taps);
-  for_line_strips<Dim, T>(
-      lattice, channels, axis, static_cast<int>(taps.size() / 2), combine, in, out,
-      [&](int count, const T* source, T* target) { add_taps<kLanes<T>>(rows, count, source, target); });
+  convolve_axis_directly<Dim, T>(lattice, channels, axis, taps, combine, in, out);
 }
 
 template <int Dim, class T>
 void convolve_axis(const Lattice<Dim>& lattice, int channels, int axis, const AxisTaps<T>& taps, Combine combine,
                    const T* in, T* out) {
-  if (uses_moments(taps))
+  if (uses_moments(taps, kShortestRun[axis]))
     convolve_axis_by_moments<Dim, T>(lattice, channels, axis, taps, combine, in, out);
   else
     convolve_axis<Dim, T>(lattice, channels, axis, taps.direct, combine, in, out);
@@ -51,7 +52,7 @@ void convolve_axis(const Lattice<Dim>& lattice, int axis, const AxisTaps<T>& tap
                    const BlockMask<Dim>& in_at, const T* in, const BlockMask<Dim>& out_at, T* out) {
   if (in_at.is_all() && out_at.is_all()) return convolve_axis<Dim, T>(lattice, Dim, axis, taps, combine, in, out);
   if (out_at.is_empty()) return;
-  if (uses_moments(taps)) {
+  if (uses_moments(taps, kShortestRunOfBlocks)) {
     for_block_columns<Dim, T>(
         lattice, axis, taps.radius(), combine, in_at, in, out_at, out,
         [&](int count, const T* source, T* target) { add_by_moments<kColumnLanes<Dim>>(taps, count, source, target); });

@@ -18,8 +18,6 @@ std::size_t memory_estimate(const ImageGrid<Dim>& fixed, const ImageGrid<Dim>& m
   constexpr double vector = Dim * sizeof(float), scalar = sizeof(float);
   const double similarity = scalar * similarity_scratch(options.similarity, Dim);
   const auto sites_of = [&](int level) { return static_cast<double>(level_lattice(image, level).sites()); };
-  // A ScatterPlan: point, plane and order of each site, and which site it is where they are chosen.
-  const double scatter = Dim * scalar + 4 * scalar;
 
   // What one round holds: see the members of MatchingObjective and of what it owns. `smooth`: order 0 is alone.
   const int finest = options.pyramid.finest_level, coarsening = options.flow.coarsening;
@@ -29,11 +27,11 @@ std::size_t memory_estimate(const ImageGrid<Dim>& fixed, const ImageGrid<Dim>& m
     const double flow = sites_of(smooth ? finest + coarsening : finest);
     if (smooth && coarsening > 0) bytes += level * 0.75 * vector + flow * vector;  // on the way between the lattices
     bytes += flow * (2 * nodes * vector                                            // velocities and their duals
-                     + (nodes + 4) * vector + scatter);                            // map and its adjoint's work
+                     + (nodes + 4) * vector);                                      // map and its adjoint's work
     double unknowns = 0;
-    // Once for each lattice: where its sites are, with their duals and plan. Then for each scale its momenta.
+    // Once for each lattice: where its sites are, with their duals. Then for each scale its momenta.
     const auto add_lattice = [&](double sites) {
-      bytes += sites * ((2 * steps + 5) * vector + scatter);
+      bytes += sites * (2 * steps + 5) * vector;
       if (options.flow.evolution != Evolution::Carried) bytes += sites * 2 * Dim * vector;  // Jacobians
     };
     const auto is_first_at = [&](int q) {

@@ -21,11 +21,12 @@ namespace {
 /// and a variance small against the mean would be lost in them.
 ///
 /// One sweep along the last axis ("planes") does it all, so that memory sees both images and the gradient and nothing
-/// else: when plane p comes in, the window sums of plane p - r are complete, and with them its coefficients; so are the
-/// coefficients' sums of plane p - 2 r, and with them its gradient. Between them wait as many planes as a window is
-/// wide. The lattice is swept in tiles, bands of rows that are as high as the cache allows; a tile works out what its
-/// neighbours' windows need of it for itself. Axes: sums along y and z slide (row_window.h), those along x are taken
-/// last, of a whole row at once.
+/// else. When plane p comes in, each row of it goes through the whole chain: products enter the sums along z of this
+/// row (those of plane p - 2 r - 1, made once more, leave them); these enter the sums along y, which are complete for
+/// the row r before; summed along x they give the coefficients of plane p - r. Those take the same way, along y, then
+/// z, then x, and end as the gradient of plane p - 2 r. Only sums along z and the coefficients of as many planes as a
+/// window is wide have to wait. The lattice is swept in tiles, bands of rows that are as high as the cache allows; a
+/// tile works out what its neighbours' windows need of it for itself.
 ///
 /// Images of two dimensions are rows that are one plane each.
 template <int Dim, class T>
@@ -61,7 +62,7 @@ class LocalCorrelation final : public Similarity<Dim, T> {
   /// Sums: f, w, f^2, w^2, f w and, with weights, the weight. Coefficients: 3, or 6 with the gradient of the weights.
   static constexpr std::size_t kMostSums = 6, kMostCoefficients = 6;
   static constexpr std::size_t kCacheBytes = 640 * 1024;  ///< of a second-level cache, for a tile's planes
-  static constexpr int kMostPlanes = 128;                 ///< of a tile
+  static constexpr int kMostPlanes = 64;                  ///< of a tile
 
   struct Scene {
     const T *fixed, *warped, *weights;
@@ -79,19 +80,20 @@ class LocalCorrelation final : public Similarity<Dim, T> {
   };
   /// What a thread keeps of the tile it is at. Rows of one quantity after the other, `stride_` apart.
   struct Work {
-    std::vector<T> product_rows, product_planes;          ///< the last rows; the last planes, summed along y
-    std::vector<T> coefficient_rows, coefficient_planes;  ///< the same
-    std::vector<double> row_sums, plane_sums, coefficient_row_sums, coefficient_plane_sums;
-    std::vector<T> padded, summed;  ///< for the sums along x
+    std::vector<double> product_sums, coefficient_sums;          ///< along z, of each row
+    std::vector<double> product_row_sums, coefficient_row_sums;  ///< along y as well, of the row at hand
+    std::vector<T> coefficient_rows, coefficient_planes;         ///< the last rows; the last planes, summed along y
+    std::vector<T> padded, summed;                               ///< for the sums along x
   };
 
   void make_tiles() {
-    const std::size_t planes = static_cast<std::size_t>(2 * radius_[2] + 2);
-    const std::size_t row = stride_ * (planes * sizeof(T) + sizeof(double));  // of one quantity
-    // Rows that the cache holds: those of five products go beyond a tile by its radius on both sides.
-    const auto fit = static_cast<long>(kCacheBytes / (8 * row)) - (10 * radius_[1] + 7) / 8;
+    // Rows that the cache holds: those of five products go beyond a tile by two radii on both sides.
+    const std::size_t products = 5 * sizeof(double);
+    const std::size_t coefficients = 3 * (static_cast<std::size_t>(2 * radius_[2] + 2) * sizeof(T) + sizeof(double));
+    const long rows = static_cast<long>(kCacheBytes / stride_) - 4 * radius_[1] * static_cast<long>(products);
+    const long fit = rows / static_cast<long>(products + coefficients);
     const int least = std::max(8, 2 * radius_[1]);  // a tile's own rows are worth those beside it
-    const int height = static_cast<int>(std::clamp<long>(fit, least, std::max(least, size_[1])));
+    const int height = static_cast<int>(std::clamp<long>(fit, least, std::max(least, (size_[1] + 1) / 2)));
     const int bands = (size_[1] + height - 1) / height, chunks = (size_[2] + kMostPlanes - 1) / kMostPlanes;
     for (int chunk = 0; chunk < chunks; ++chunk)
       for (int band = 0; band < bands; ++band)
@@ -150,139 +152,129 @@ class LocalCorrelation final : public Similarity<Dim, T> {
   template <std::size_t Sums, std::size_t Coefficients>
   double sweep_tile(const Scene& scene, const Tile& tile, Work& work) const {
     const int ry = radius_[1], rz = radius_[2];
-    const Range windows = tile.rows.grown(ry, size_[1]);
-    const Range products = tile.planes.grown(2 * rz, size_[2]), centres = tile.planes.grown(rz, size_[2]);
+    const Range rows = tile.rows.grown(2 * ry, size_[1]), windows = tile.rows.grown(ry, size_[1]);
+    const Range planes = tile.planes.grown(2 * rz, size_[2]), centres = tile.planes.grown(rz, size_[2]);
     clear<Sums, Coefficients>(tile, work);
+    const auto product_sums = [&](int row) {
+      return work.product_sums.data() + static_cast<std::size_t>(row - rows.begin) * Sums * stride_;
+    };
+    const auto coefficient_row = [&](int row) {
+      return work.coefficient_rows.data() + static_cast<std::size_t>(row % (2 * ry + 2)) * Coefficients * stride_;
+    };
     double energy = 0;
-    for (int plane = products.begin; plane < tile.planes.end + 2 * rz; ++plane) {
-      if (products.holds(plane)) take_products<Sums>(scene, tile.rows, plane, work);
-      const int centre = plane - rz;
-      if (centre < centres.end) {
-        const T* entering = products.holds(plane) ? product_plane<Sums>(work, windows, plane) : nullptr;
-        const int left = centre - rz - 1;
-        const T* leaving = products.holds(left) ? product_plane<Sums>(work, windows, left) : nullptr;
-        slide_window(Sums * static_cast<std::size_t>(windows.count()) * stride_, entering, leaving,
-                     work.plane_sums.data());
-        if (centres.holds(centre)) energy += take_coefficients<Sums, Coefficients>(scene, tile, centre, work);
+    for (int plane = planes.begin; plane < tile.planes.end + 2 * rz; ++plane) {
+      const int centre = plane - rz, left = centre - rz - 1;
+      std::fill_n(work.product_row_sums.begin(), Sums * stride_, 0.0);
+      std::fill_n(work.coefficient_row_sums.begin(), Coefficients * stride_, 0.0);
+      for (int row = rows.begin; row < tile.rows.end + 2 * ry; ++row) {
+        if (rows.holds(row)) {
+          if (planes.holds(plane) && rows.holds(row + 1)) prefetch(scene, first_of(row + 1, plane));
+          if (planes.holds(plane)) add_products<Sums, 1>(scene, first_of(row, plane), product_sums(row));
+          if (planes.holds(left)) add_products<Sums, -1>(scene, first_of(row, left), product_sums(row));
+        }
+        const int own = row - 2 * ry;
+        if (centres.holds(centre)) {
+          const int window = row - ry, gone = own - 1;
+          slide_window<double>(Sums * stride_, rows.holds(row) ? product_sums(row) : nullptr,
+                               rows.holds(gone) ? product_sums(gone) : nullptr, work.product_row_sums.data());
+          if (windows.holds(window)) {
+            for (std::size_t k = 0; k < Sums; ++k) sum_along_x(work.product_row_sums.data() + k * stride_, work, k);
+            energy += coefficients_of<Sums, Coefficients>(scene, window, centre,
+                                                          tile.rows.holds(window) && tile.planes.holds(centre),
+                                                          work.summed.data(), coefficient_row(window));
+          }
+          const int behind = window - 2 * ry - 1;
+          slide_window<T>(Coefficients * stride_, windows.holds(window) ? coefficient_row(window) : nullptr,
+                          windows.holds(behind) ? coefficient_row(behind) : nullptr, work.coefficient_row_sums.data());
+        }
+        if (tile.rows.holds(own)) finish_row<Coefficients>(scene, tile, own, centre, work);
       }
-      const int at = centre - rz, left = at - rz - 1;
-      const T* entering = centres.holds(centre) ? coefficient_plane<Coefficients>(work, tile.rows, centre) : nullptr;
-      const T* leaving = centres.holds(left) ? coefficient_plane<Coefficients>(work, tile.rows, left) : nullptr;
-      slide_window(Coefficients * static_cast<std::size_t>(tile.rows.count()) * stride_, entering, leaving,
-                   work.coefficient_plane_sums.data());
-      if (tile.planes.holds(at)) give_gradient<Coefficients>(scene, tile.rows, at, work);
     }
     return energy;
   }
 
+  /// Takes a row of coefficients summed along y into the sums along z, and gives the gradient that is then complete.
+  template <std::size_t Coefficients>
+  void finish_row(const Scene& scene, const Tile& tile, int row, int centre, Work& work) const {
+    const int rz = radius_[2];
+    const Range centres = tile.planes.grown(rz, size_[2]);
+    const auto own = static_cast<std::size_t>(row - tile.rows.begin),
+               rows = static_cast<std::size_t>(tile.rows.count());
+    const auto waiting = [&](int plane) {
+      const auto slot = static_cast<std::size_t>(plane % (2 * rz + 2));
+      return work.coefficient_planes.data() + (slot * rows + own) * Coefficients * stride_;
+    };
+    double* sums = work.coefficient_sums.data() + own * Coefficients * stride_;
+    T* entering = centres.holds(centre) ? waiting(centre) : nullptr;
+    if (entering) {
+      const double* row_sums = work.coefficient_row_sums.data();
+#pragma omp simd
+      for (std::size_t x = 0; x < Coefficients * stride_; ++x) entering[x] = static_cast<T>(row_sums[x]);
+    }
+    const int at = centre - rz, left = at - rz - 1;
+    slide_window<T>(Coefficients * stride_, entering, centres.holds(left) ? waiting(left) : nullptr, sums);
+    if (tile.planes.holds(at)) give_gradient<Coefficients>(scene, row, at, sums, work);
+  }
+
   template <std::size_t Sums, std::size_t Coefficients>
   void clear(const Tile& tile, Work& work) const {
-    const auto slots = [](int radius) { return static_cast<std::size_t>(2 * radius + 2); };
     const auto rows = static_cast<std::size_t>(tile.rows.count());
-    const auto window_rows = static_cast<std::size_t>(tile.rows.grown(radius_[1], size_[1]).count());
+    const auto product_rows = static_cast<std::size_t>(tile.rows.grown(2 * radius_[1], size_[1]).count());
     const auto fit = [](auto& values, std::size_t count) {
       if (values.size() < count) values.resize(count);
     };
-    fit(work.product_rows, slots(radius_[1]) * Sums * stride_);
-    fit(work.product_planes, slots(radius_[2]) * window_rows * Sums * stride_);
-    fit(work.coefficient_rows, slots(radius_[1]) * Coefficients * stride_);
-    fit(work.coefficient_planes, slots(radius_[2]) * rows * Coefficients * stride_);
-    fit(work.row_sums, Sums * stride_);
+    fit(work.product_row_sums, Sums * stride_);
     fit(work.coefficient_row_sums, Coefficients * stride_);
+    fit(work.coefficient_rows, static_cast<std::size_t>(2 * radius_[1] + 2) * Coefficients * stride_);
+    fit(work.coefficient_planes, static_cast<std::size_t>(2 * radius_[2] + 2) * rows * Coefficients * stride_);
     fit(work.padded, stride_ + 2 * static_cast<std::size_t>(radius_[0]));
     fit(work.summed, std::max(Sums, Coefficients) * stride_);
-    work.plane_sums.assign(window_rows * Sums * stride_, 0.0);
-    work.coefficient_plane_sums.assign(rows * Coefficients * stride_, 0.0);
+    work.product_sums.assign(product_rows * Sums * stride_, 0.0);
+    work.coefficient_sums.assign(rows * Coefficients * stride_, 0.0);
   }
 
-  template <std::size_t Sums>
-  T* product_plane(Work& work, const Range& windows, int plane) const {
-    return work.product_planes.data() + static_cast<std::size_t>(plane % (2 * radius_[2] + 2)) *
-                                            static_cast<std::size_t>(windows.count()) * Sums * stride_;
-  }
-  template <std::size_t Coefficients>
-  T* coefficient_plane(Work& work, const Range& rows, int plane) const {
-    return work.coefficient_planes.data() + static_cast<std::size_t>(plane % (2 * radius_[2] + 2)) *
-                                                static_cast<std::size_t>(rows.count()) * Coefficients * stride_;
-  }
-  template <std::size_t Channels>
-  T* row_of(std::vector<T>& rows, int row) const {
-    return rows.data() + static_cast<std::size_t>(row % (2 * radius_[1] + 2)) * Channels * stride_;
-  }
-
-  /// The sums along y of `from`, rows of `Channels` quantities that `make` brings, for all rows of `wanted`.
-  template <std::size_t Channels, class Make>
-  void sum_along_y(const Range& from, const Range& wanted, std::vector<T>& rows, std::vector<double>& sums, T* out,
-                   Make&& make) const {
-    const int ry = radius_[1];
-    std::fill_n(sums.begin(), Channels * stride_, 0.0);
-    for (int row = from.begin; row < wanted.end + ry; ++row) {
-      T* entering = from.holds(row) ? row_of<Channels>(rows, row) : nullptr;
-      if (entering) make(row, entering);
-      const int centre = row - ry, left = centre - ry - 1;
-      slide_window(Channels * stride_, static_cast<const T*>(entering),
-                   from.holds(left) ? static_cast<const T*>(row_of<Channels>(rows, left)) : nullptr, sums.data());
-      if (!wanted.holds(centre)) continue;
-      T* to = out + static_cast<std::size_t>(centre - wanted.begin) * Channels * stride_;
-#pragma omp simd
-      for (std::size_t x = 0; x < Channels * stride_; ++x) to[x] = static_cast<T>(sums[x]);
+  /// A row of both images: rows are too short for the machine to foresee the next one.
+  void prefetch(const Scene& scene, std::size_t first) const {
+    for (std::size_t x = 0; x < static_cast<std::size_t>(size_[0]); x += 64 / sizeof(T)) {
+      __builtin_prefetch(scene.fixed + first + x);
+      __builtin_prefetch(scene.warped + first + x);
     }
   }
 
-  template <std::size_t Sums>
-  void take_products(const Scene& scene, const Range& tile_rows, int plane, Work& work) const {
-    const Range windows = tile_rows.grown(radius_[1], size_[1]), from = tile_rows.grown(2 * radius_[1], size_[1]);
-    sum_along_y<Sums>(from, windows, work.product_rows, work.row_sums, product_plane<Sums>(work, windows, plane),
-                      [&](int row, T* to) { products_of<Sums>(scene, first_of(row, plane), to); });
-  }
-
-  template <std::size_t Sums>
-  void products_of(const Scene& scene, std::size_t first, T* to) const {
+  /// Adds Sign times a row of products: rounded to T first, so that what entered leaves again without a trace.
+  template <std::size_t Sums, int Sign>
+  void add_products(const Scene& scene, std::size_t first, double* to) const {
     const T *fixed = scene.fixed + first, *warped = scene.warped + first;
     const T middle_f = scene.middle_fixed, middle_w = scene.middle_warped;
     const auto width = static_cast<std::size_t>(size_[0]);
+    double *s_f = to, *s_w = to + stride_, *s_ff = to + 2 * stride_, *s_ww = to + 3 * stride_, *s_fw = to + 4 * stride_;
     if constexpr (Sums == 5) {
 #pragma omp simd
       for (std::size_t x = 0; x < width; ++x) {
-        const T f = fixed[x] - middle_f, w = warped[x] - middle_w;
-        to[x] = f;
-        to[stride_ + x] = w;
-        to[2 * stride_ + x] = f * f;
-        to[3 * stride_ + x] = w * w;
-        to[4 * stride_ + x] = f * w;
+        const T f = fixed[x] - middle_f, w = warped[x] - middle_w, ff = f * f, ww = w * w, fw = f * w;
+        s_f[x] += Sign * double(f);
+        s_w[x] += Sign * double(w);
+        s_ff[x] += Sign * double(ff);
+        s_ww[x] += Sign * double(ww);
+        s_fw[x] += Sign * double(fw);
       }
     } else {
       const T* weights = weights_from(scene, first);
+      double* s_1 = to + 5 * stride_;
 #pragma omp simd
       for (std::size_t x = 0; x < width; ++x) {
         const T weight = weights[x];
         const bool is_seen = weight != 0;  // not a product with 0: what is hidden may be NaN
         const T f = is_seen ? fixed[x] - middle_f : T(0), w = is_seen ? warped[x] - middle_w : T(0);
-        to[x] = weight * f;
-        to[stride_ + x] = weight * w;
-        to[2 * stride_ + x] = weight * f * f;
-        to[3 * stride_ + x] = weight * w * w;
-        to[4 * stride_ + x] = weight * f * w;
-        to[5 * stride_ + x] = weight;
+        const T wf = weight * f, ww = weight * w, wff = wf * f, www = ww * w, wfw = wf * w;
+        s_f[x] += Sign * double(wf);
+        s_w[x] += Sign * double(ww);
+        s_ff[x] += Sign * double(wff);
+        s_ww[x] += Sign * double(www);
+        s_fw[x] += Sign * double(wfw);
+        s_1[x] += Sign * double(weight);
       }
     }
-  }
-
-  /// The energy of the tile's own windows; the coefficients of all windows that hold one of its samples, summed along
-  /// y.
-  template <std::size_t Sums, std::size_t Coefficients>
-  double take_coefficients(const Scene& scene, const Tile& tile, int plane, Work& work) const {
-    const Range windows = tile.rows.grown(radius_[1], size_[1]);
-    double energy = 0;
-    sum_along_y<Coefficients>(
-        windows, tile.rows, work.coefficient_rows, work.coefficient_row_sums,
-        coefficient_plane<Coefficients>(work, tile.rows, plane), [&](int row, T* to) {
-          const double* sums = work.plane_sums.data() + static_cast<std::size_t>(row - windows.begin) * Sums * stride_;
-          for (std::size_t k = 0; k < Sums; ++k) sum_along_x(sums + k * stride_, work, k);
-          const bool is_own = tile.rows.holds(row) && tile.planes.holds(plane);
-          energy += coefficients_of<Sums, Coefficients>(scene, row, plane, is_own, work.summed.data(), to);
-        });
-    return energy;
   }
 
   void sum_along_x(const double* sums, Work& work, std::size_t channel) const {
@@ -341,34 +333,30 @@ class LocalCorrelation final : public Similarity<Dim, T> {
     return is_own ? volume_ * energy : 0.0;
   }
 
-  /// What is left of the coefficients' sums, and the gradients that they are for.
+  /// Of one row, from its coefficients' sums along z and y.
   template <std::size_t Coefficients>
-  void give_gradient(const Scene& scene, const Range& rows, int plane, Work& work) const {
+  void give_gradient(const Scene& scene, int row, int plane, const double* sums, Work& work) const {
     const auto width = static_cast<std::size_t>(size_[0]);
     const T middle_f = scene.middle_fixed, middle_w = scene.middle_warped;
-    for (int row = rows.begin; row < rows.end; ++row) {
-      const double* sums =
-          work.coefficient_plane_sums.data() + static_cast<std::size_t>(row - rows.begin) * Coefficients * stride_;
-      for (std::size_t k = 0; k < Coefficients; ++k) sum_along_x(sums + k * stride_, work, k);
-      const T* s = work.summed.data();
-      const std::size_t first = first_of(row, plane);
-      const T *fixed = scene.fixed + first, *warped = scene.warped + first;
-      T* gradient = scene.gradient + first;
-      if (Coefficients == 3 && !scene.weights) {
+    for (std::size_t k = 0; k < Coefficients; ++k) sum_along_x(sums + k * stride_, work, k);
+    const T* s = work.summed.data();
+    const std::size_t first = first_of(row, plane);
+    const T *fixed = scene.fixed + first, *warped = scene.warped + first;
+    T* gradient = scene.gradient + first;
+    if (Coefficients == 3 && !scene.weights) {
 #pragma omp simd
-        for (std::size_t x = 0; x < width; ++x)
-          gradient[x] = (warped[x] - middle_w) * s[stride_ + x] + s[2 * stride_ + x] - (fixed[x] - middle_f) * s[x];
-        continue;
-      }
-      const T* weights = weights_from(scene, first);
-      for (std::size_t x = 0; x < width; ++x) {
-        const T weight = weights[x], f = fixed[x] - middle_f, w = warped[x] - middle_w;
-        gradient[x] = weight == 0 ? T(0) : -weight * (f * s[x] - w * s[stride_ + x] - s[2 * stride_ + x]);
-        if constexpr (Coefficients == 6)
-          scene.weight_gradient[first + x] -= f * w * s[x] - T(0.5) * f * f * s[3 * stride_ + x] -
-                                              T(0.5) * w * w * s[stride_ + x] + f * s[4 * stride_ + x] -
-                                              w * s[2 * stride_ + x] + s[5 * stride_ + x];
-      }
+      for (std::size_t x = 0; x < width; ++x)
+        gradient[x] = (warped[x] - middle_w) * s[stride_ + x] + s[2 * stride_ + x] - (fixed[x] - middle_f) * s[x];
+      return;
+    }
+    const T* weights = weights_from(scene, first);
+    for (std::size_t x = 0; x < width; ++x) {
+      const T weight = weights[x], f = fixed[x] - middle_f, w = warped[x] - middle_w;
+      gradient[x] = weight == 0 ? T(0) : -weight * (f * s[x] - w * s[stride_ + x] - s[2 * stride_ + x]);
+      if constexpr (Coefficients == 6)
+        scene.weight_gradient[first + x] -= f * w * s[x] - T(0.5) * f * f * s[3 * stride_ + x] -
+                                            T(0.5) * w * w * s[stride_ + x] + f * s[4 * stride_ + x] -
+                                            w * s[2 * stride_ + x] + s[5 * stride_ + x];
     }
   }
 

@@ -1,4 +1,4 @@
-#include "core/flow/scatter_plan.h"
+#include "core/flow/scatter.h"
 
 #include <gtest/gtest.h>
 #include <omp.h>
@@ -36,8 +36,6 @@ Scene<Dim> scene() {
 template <int Dim>
 void expect_transpose() {
   const Scene<Dim> s = scene<Dim>();
-  ScatterPlan<Dim, double> plan;
-  plan.place_sites(s.from, s.displacement.data(), s.to);
   const std::vector<double> field = random_values(2 * s.to.sites(), 2), weights = random_values(2 * s.from.sites(), 3);
   double left = 0;
   for (int slab = 0; slab < s.from.size[Dim - 1]; ++slab)
@@ -48,7 +46,9 @@ void expect_transpose() {
       left += value[0] * weights[2 * site] + value[1] * weights[2 * site + 1];
     });
   std::vector<double> scattered(field.size(), 0.0);
-  plan.template add<2>(
+  const auto all = BlockMask<Dim>::all(s.from);
+  scatter<2, Dim, double>(
+      MovedPoints<Dim, double>(s.from, all, s.displacement.data(), s.to), s.to,
       [&](std::size_t site, std::array<double, 2>& out) {
         out = {weights[2 * site], weights[2 * site + 1]};
         return true;
@@ -57,7 +57,7 @@ void expect_transpose() {
   EXPECT_NEAR(left, dot(scattered, field), 1e-12 * std::sqrt(dot(field, field) * dot(weights, weights)));
 }
 
-TEST(ScatterPlan, IsTheTransposeOfInterpolation) {
+TEST(Scatter, IsTheTransposeOfInterpolation) {
   expect_transpose<2>();
   expect_transpose<3>();
 }
@@ -68,10 +68,10 @@ std::vector<float> scattered_with(int threads) {
   const Scene<Dim> s = scene<Dim>();
   const std::vector<float> displacement(s.displacement.begin(), s.displacement.end());
   const auto numbers = random_values(s.from.sites(), 4);
-  ScatterPlan<Dim, float> plan;
-  plan.place_sites(s.from, displacement.data(), s.to);
   std::vector<float> sum(s.to.sites(), 0.5f);
-  plan.template add<1>(
+  const auto all = BlockMask<Dim>::all(s.from);
+  scatter<1, Dim, float>(
+      MovedPoints<Dim, float>(s.from, all, displacement.data(), s.to), s.to,
       [&](std::size_t site, std::array<float, 1>& out) {
         out[0] = static_cast<float>(numbers[site]);
         return site % 7 != 0;
@@ -81,7 +81,7 @@ std::vector<float> scattered_with(int threads) {
 }
 
 // Oracle: the same bits, whatever the number of threads (more of them than planes, too).
-TEST(ScatterPlan, DoesNotDependOnTheNumberOfThreads) {
+TEST(Scatter, DoesNotDependOnTheNumberOfThreads) {
   const int before = omp_get_max_threads();
   const std::vector<float> flat = scattered_with<2>(1), deep = scattered_with<3>(1);
   for (int threads : {2, 3, 5, 16}) {
@@ -91,14 +91,13 @@ TEST(ScatterPlan, DoesNotDependOnTheNumberOfThreads) {
   omp_set_num_threads(before);
 }
 
-TEST(ScatterPlan, LeavesOutWhatHasNothingToAddAndKeepsTheRest) {
+TEST(Scatter, LeavesOutWhatHasNothingToAddAndKeepsTheRest) {
   const Lattice<2> target{{3, 3}, {1, 1}, {}};
-  ScatterPlan<2, double> plan;
-  plan.resize(3);
-  plan.points() = {{1, 1}, {0.5, 2}, {-4, 9}};
-  plan.sort(target);
+  const std::vector<std::array<double, 2>> points = {{1, 1}, {0.5, 2}, {-4, 9}};
   std::vector<double> sum(9, 0.0);
-  plan.add<1>([](std::size_t point, std::array<double, 1>& out) { return out[0] = 1 + point, point != 0; }, sum.data());
+  scatter<1, 2, double>(
+      listed_points<2, double>(points.size(), [&](std::size_t i) { return points[i]; }), target,
+      [](std::size_t point, std::array<double, 1>& out) { return out[0] = 1 + point, point != 0; }, sum.data());
   EXPECT_EQ(sum, (std::vector<double>{0, 0, 0, 0, 0, 0, 1 + 3, 1, 0}));
 }
 

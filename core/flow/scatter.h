@@ -1,0 +1,156 @@
+#pragma once
+
+#include "core/grid/block_mask.h"
+#include "core/grid/cell_lanes.h"
+
+#include <algorithm>
+#include <array>
+#include <vector>
+
+#ifdef _OPENMP
+#include <omp.h>
+#endif
+
+namespace saltus {
+
+/// The sites of a lattice that are in `where`, with a displacement each (mm, interleaved; null for none), seen from
+/// another lattice. Numbered as sites; a chunk is a slab of the last axis.
+template <int Dim, class T>
+class MovedPoints {
+ public:
+  MovedPoints(const Lattice<Dim>& lattice, const BlockMask<Dim>& where, const T* displacement,
+              const Lattice<Dim>& target)
+      : lattice_(lattice), where_(where), displacement_(displacement), place_(lattice, target) {}
+
+  int chunks() const { return lattice_.size[Dim - 1]; }
+  /// visit(first point, how many, their index coordinates) for pieces that follow each other.
+  template <class Visit>
+  void visit(int chunk, Visit&& visit) const {
+    where_.visit_pieces(
+        lattice_, chunk, CellLanes<Dim, T>::kLanes, [&](const Index<Dim>& index, std::size_t site, int count) {
+          visit(site, count,
+                placed<Dim, T>(
+                    place_, index,
+                    displacement_ ? lanes_of<Dim, T>(displacement_ + Dim * site, count) : LanePoints<Dim, T>{}));
+        });
+  }
+
+ private:
+  const Lattice<Dim>& lattice_;
+  const BlockMask<Dim>& where_;
+  const T* displacement_;
+  SitePlacement<Dim, T> place_;
+};
+
+/// Points at(i), index coordinates, of a list. A chunk is as many as are worth a look whom they concern.
+template <int Dim, class T, class At>
+class ListedPoints {
+ public:
+  ListedPoints(std::size_t count, At at) : count_(count), at_(std::move(at)) {}
+
+  int chunks() const { return static_cast<int>((count_ + kChunk - 1) / kChunk); }
+  template <class Visit>
+  void visit(int chunk, Visit&& visit) const {
+    const std::size_t begin = static_cast<std::size_t>(chunk) * kChunk, end = std::min(count_, begin + kChunk);
+    constexpr int lanes = CellLanes<Dim, T>::kLanes;
+    for (std::size_t first = begin; first < end; first += lanes) {
+      const int count = static_cast<int>(std::min<std::size_t>(lanes, end - first));
+      LanePoints<Dim, T> at{};
+      for (int lane = 0; lane < count; ++lane) {
+        const std::array<T, Dim> point = at_(first + static_cast<std::size_t>(lane));
+        for (int axis = 0; axis < Dim; ++axis) at[axis][lane] = point[axis];
+      }
+      visit(first, count, at);
+    }
+  }
+
+ private:
+  static constexpr std::size_t kChunk = 512;
+  std::size_t count_;
+  At at_;
+};
+
+template <int Dim, class T, class At>
+ListedPoints<Dim, T, At> listed_points(std::size_t count, At at) {
+  return {count, std::move(at)};
+}
+
+/// visit(point, cell) for all points, chunks in parallel.
+template <int Dim, class T, class Points, class Visit>
+void for_cells(const Points& points, const Lattice<Dim>& target, Visit&& visit) {
+  const int chunks = points.chunks();
+#pragma omp parallel for schedule(static)
+  for (int chunk = 0; chunk < chunks; ++chunk) {
+    CellLanes<Dim, T> cells(target);
+    points.visit(chunk, [&](std::size_t first, int count, const LanePoints<Dim, T>& at) {
+      cells.find(at);
+      for (int lane = 0; lane < count; ++lane) visit(first + static_cast<std::size_t>(lane), cells.cell(lane));
+    });
+  }
+}
+
+/// Adds values at points anywhere to a lattice, the transpose of linear interpolation: to[Channels * corner + c] +=
+/// weight * value[c]. `value(point, out)` fills out[Channels] and returns whether there is anything to add; it is
+/// called more than once for a few points, from several threads.
+///
+/// A thread owns a range of planes (last axis) and passes over the chunks that reach none of them, so each target value
+/// receives its terms in the same order always: the result does not depend on the number of threads.
+template <int Channels, int Dim, class T, class Points, class Value, class Visit>
+void scatter(const Points& points, const Lattice<Dim>& target, Value&& value, T* to, Visit&& visit) {
+  const int planes = target.size[Dim - 1], chunks = points.chunks();
+#ifdef _OPENMP
+  const int parts = std::max(1, std::min(planes, omp_get_max_threads()));
+#else
+  const int parts = 1;
+#endif
+  // The planes that a chunk reaches, first and last.
+  std::vector<std::array<int, 2>> reach(static_cast<std::size_t>(chunks), {0, planes});
+  if (parts > 1) {
+#pragma omp parallel for schedule(static)
+    for (int chunk = 0; chunk < chunks; ++chunk) {
+      CellLanes<Dim, T> cells(target);
+      std::array<int, 2>& planes_of = reach[static_cast<std::size_t>(chunk)];
+      planes_of = {planes, -1};
+      points.visit(chunk, [&](std::size_t, int count, const LanePoints<Dim, T>& at) {
+        cells.find(at);
+        for (int lane = 0; lane < count; ++lane) {
+          planes_of[0] = std::min(planes_of[0], cells.plane(lane));
+          planes_of[1] = std::max(planes_of[1], cells.plane(lane) + 1);
+        }
+      });
+    }
+  }
+#pragma omp parallel for schedule(static, 1) num_threads(parts)
+  for (int part = 0; part < parts; ++part) {
+    const int begin = planes * part / parts, end = planes * (part + 1) / parts;
+    CellLanes<Dim, T> cells(target);
+    for (int chunk = 0; chunk < chunks; ++chunk) {
+      const std::array<int, 2>& planes_of = reach[static_cast<std::size_t>(chunk)];
+      if (planes_of[0] >= end || planes_of[1] < begin) continue;
+      points.visit(chunk, [&](std::size_t first, int count, const LanePoints<Dim, T>& at) {
+        cells.find(at);
+        // All values first: what has just been written in pieces cannot be read as a whole at once.
+        std::array<std::array<T, Channels>, CellLanes<Dim, T>::kLanes> values;
+        std::array<bool, CellLanes<Dim, T>::kLanes> is_wanted;
+        for (int lane = 0; lane < count; ++lane)
+          is_wanted[lane] = cells.plane(lane) < end && cells.plane(lane) + 1 >= begin &&
+                            value(first + static_cast<std::size_t>(lane), values[lane]);
+        for (int lane = 0; lane < count; ++lane) {
+          const LinearCell<Dim, T> cell = cells.cell(lane);
+          if (is_wanted[lane]) cell.template spread<Channels>(values[lane], begin, end, to);
+          if (cells.plane(lane) >= begin && cells.plane(lane) < end)
+            visit(first + static_cast<std::size_t>(lane), cell,
+                  is_wanted[lane] ? values[lane] : std::array<T, Channels>{});
+        }
+      });
+    }
+  }
+}
+
+template <int Channels, int Dim, class T, class Points, class Value>
+void scatter(const Points& points, const Lattice<Dim>& target, Value&& value, T* to) {
+  scatter<Channels, Dim, T>(points, target, value, to,
+                            [](std::size_t, const LinearCell<Dim, T>&, const std::array<T, Channels>&) {});
+}
+
+}  // namespace saltus
