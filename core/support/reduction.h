@@ -6,17 +6,23 @@
 
 namespace saltus {
 
-/// Sum of term(i) for i in [0, count), in double, in an order that does not depend on the number of threads.
+/// Sum of term(i) for i in [0, count), in double, in an order that does not depend on the number of threads: blocks one
+/// after the other, each in lanes, so that no addition waits for the one before.
 template <class Term>
 double ordered_sum(std::size_t count, Term&& term) {
-  constexpr std::size_t block = 4096;
+  constexpr std::size_t block = 4096, lanes = 16;
   const std::size_t blocks = (count + block - 1) / block;
   std::vector<double> partial(blocks);
 #pragma omp parallel for schedule(static)
   for (std::size_t b = 0; b < blocks; ++b) {
-    double sum = 0;
+    double sums[lanes] = {};
     const std::size_t end = std::min(count, (b + 1) * block);
-    for (std::size_t i = b * block; i < end; ++i) sum += term(i);
+    std::size_t i = b * block;
+    for (; i + lanes <= end; i += lanes)
+      for (std::size_t lane = 0; lane < lanes; ++lane) sums[lane] += term(i + lane);
+    for (std::size_t lane = 0; i < end; ++i, ++lane) sums[lane] += term(i);
+    double sum = 0;
+    for (double one : sums) sum += one;
     partial[b] = sum;
   }
   double total = 0;
