@@ -3,6 +3,8 @@
 #include "core/grid/block_mask.h"
 #include "core/grid/cell_lanes.h"
 
+#include <algorithm>
+
 namespace saltus {
 namespace {
 
@@ -77,6 +79,7 @@ void warp_adjoint(const std::vector<WarpedDual<Dim, T>>& warped, const Lattice<D
       for (std::size_t i = 0; i < maps.size(); ++i) {
         Lanes<Dim, T> dual{};
         std::copy_n(warped[i].dual + site, count, dual.begin());
+        if (std::all_of(dual.begin(), dual.end(), [](T value) { return value == T(0); })) continue;
         CellLanes<Dim, T> cells(warped[i].image->lattice);
         cells.find(maps[i](index, mm));
         cells.value(warped[i].image->samples.data(), &gradient);

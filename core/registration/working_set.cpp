@@ -190,7 +190,6 @@ std::vector<MomentumTargets<T>> WorkingSet<Dim, T>::targets(std::vector<T>& grad
   return all;
 }
 
-/// Brings the order-1 gradients from where `targets` had them made to x's layout, and preconditions them.
 template <int Dim, class T>
 void WorkingSet<Dim, T>::drop_normal_components(const FirstOrder& first, std::size_t field_size, T* values) const {
   if (first.along) {
@@ -208,6 +207,7 @@ void WorkingSet<Dim, T>::precondition(const GroupSparsity& range, const std::vec
   for (std::size_t i = range.begin; i < range.end; ++i) preconditioned[i] = factor * gradient[i];
 }
 
+/// Brings the order-1 gradients from where `targets` had them made to x's layout, and preconditions them.
 template <int Dim, class T>
 void WorkingSet<Dim, T>::finish_gradient(std::vector<T>& gradient, std::vector<T>& preconditioned) {
   for (std::size_t s = 0; s < scales_.size(); ++s) {

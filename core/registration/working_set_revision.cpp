@@ -240,9 +240,14 @@ FirstOrderPromise WorkingSet<Dim, T>::promise(std::vector<T>& gradient, double s
   return promise;
 }
 
-template class WorkingSet<2, float>;
-template class WorkingSet<3, float>;
-template class WorkingSet<2, double>;
-template class WorkingSet<3, double>;
+#define SALTUS_REVISION(DIM, T)                                                          \
+  template void WorkingSet<DIM, T>::list_candidates(std::size_t, const std::vector<T>&); \
+  template bool WorkingSet<DIM, T>::revise(MinimiserState<T>&);                          \
+  template FirstOrderPromise WorkingSet<DIM, T>::promise(std::vector<T>&, double);
+SALTUS_REVISION(2, float)
+SALTUS_REVISION(3, float)
+SALTUS_REVISION(2, double)
+SALTUS_REVISION(3, double)
+#undef SALTUS_REVISION
 
 }  // namespace saltus

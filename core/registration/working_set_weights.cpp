@@ -91,9 +91,13 @@ void WorkingSet<Dim, T>::restore_weights(const SparsityRound& round, const std::
   gather_factors();
 }
 
-template class WorkingSet<2, float>;
-template class WorkingSet<3, float>;
-template class WorkingSet<2, double>;
-template class WorkingSet<3, double>;
+#define SALTUS_WEIGHTS(DIM, T)                                                          \
+  template void WorkingSet<DIM, T>::weigh(const SparsityRound&, const std::vector<T>&); \
+  template void WorkingSet<DIM, T>::restore_weights(const SparsityRound&, const std::vector<std::vector<float>>&);
+SALTUS_WEIGHTS(2, float)
+SALTUS_WEIGHTS(3, float)
+SALTUS_WEIGHTS(2, double)
+SALTUS_WEIGHTS(3, double)
+#undef SALTUS_WEIGHTS
 
 }  // namespace saltus

@@ -241,7 +241,7 @@ class LocalCorrelation final : public Similarity<Dim, T> {
     }
   }
 
-  /// Adds Sign times a row of products: rounded to T first, so that what entered leaves again without a trace.
+  /// Adds Sign times a row of products: rounded to T first, so that in float what entered leaves again without a trace.
   template <std::size_t Sums, int Sign>
   void add_products(const Scene& scene, std::size_t first, double* to) const {
     const T *fixed = scene.fixed + first, *warped = scene.warped + first;

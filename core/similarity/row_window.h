@@ -6,7 +6,7 @@
 namespace saltus {
 
 /// sum[x] += entering[x] - leaving[x], for a window that moves on by one row; null where it has no row to take or to
-/// give. In double: what entered leaves again without a trace, so that a flat window after an edge is flat.
+/// give. In double: what entered in float leaves again without a trace, so that a flat window after an edge is flat.
 template <class T>
 void slide_window(std::size_t count, const T* entering, const T* leaving, double* sum) {
   if (entering && leaving) {

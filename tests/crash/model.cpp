@@ -139,6 +139,9 @@ void Model::check_batches(const std::vector<v1::RegistrationJob>& listed) const 
 void Model::resolve(Connection& daemon) {
   if (std::any_of(jobs.begin(), jobs.end(), [](const KnownJob& job) { return job.batch > 0 && job.id.empty(); }))
     check_batches(daemon.list_all());
+  // Asked for again one by one, so a batch that was not made is none any more.
+  for (KnownJob& job : jobs)
+    if (job.id.empty()) job.batch = 0;
   for (KnownJob& job : jobs) {
     if (!job.id.empty()) continue;
     v1::RegistrationJob made;

@@ -18,9 +18,8 @@ void SlipPaths::add_line(double slip_mm, const Vector<2>& from, const Vector<2>&
 }
 
 void SlipPaths::add_rectangle(double slip_mm, const Vector<2>& one, const Vector<2>& other) {
-  const Vector<2> side = other - one;
   char text[96];
-  std::snprintf(text, sizeof text, "M%.1f %.1fh%.1fv%.1fh%.1fZ", one[0], one[1], side[0], side[1], -side[0]);
+  std::snprintf(text, sizeof text, "M%.1f %.1fH%.1fV%.1fH%.1fZ", one[0], one[1], other[0], other[1], one[0]);
   areas_[class_of(slip_mm)] += text;
 }
 

@@ -43,8 +43,7 @@ double energy(const Lattice<Dim>& where, const std::vector<double>& v, double fa
 
 // Oracle: central differences, exact for a quadratic.
 template <int Dim>
-void expect_gradient() {
-  const Lattice<Dim> where = lattice<Dim>();
+void expect_gradient(const Lattice<Dim>& where = lattice<Dim>()) {
   const std::vector<double> v = random_values(Dim * where.sites(), 1), along = random_values(v.size(), 2);
   std::vector<double> dual(v.size(), 3.0);
   const double value = add_divergence_penalty<Dim, double>(where, v.data(), 0.7, dual.data());
@@ -57,6 +56,11 @@ void expect_gradient() {
 TEST(DivergencePenalty, HasTheGradientOfItsValue) {
   expect_gradient<2>();
   expect_gradient<3>();
+  for (int axis = 0; axis < 3; ++axis) {  // one sample along it
+    Lattice<3> flat = lattice<3>();
+    flat.size[axis] = 1;
+    expect_gradient<3>(flat);
+  }
 }
 
 // Oracle: closed form, the divergence of a linear field is its trace.

@@ -91,6 +91,64 @@ TEST(Scatter, DoesNotDependOnTheNumberOfThreads) {
   omp_set_num_threads(before);
 }
 
+// Oracle: each site once, with its cell and what it gave, however many threads there are.
+TEST(Scatter, VisitsEachPointOnce) {
+  const int before = omp_get_max_threads();
+  const Scene<3> s = scene<3>();
+  const auto all = BlockMask<3>::all(s.from);
+  const MovedPoints<3, double> points(s.from, all, s.displacement.data(), s.to);
+  const SitePlacement<3, double> place(s.from, s.to);
+  for (int threads : {1, 3, 16}) {
+    omp_set_num_threads(threads);
+    std::vector<int> visits(s.from.sites(), 0);
+    std::vector<std::size_t> base(visits.size());
+    std::vector<double> given(visits.size()), sum(s.to.sites(), 0.0);
+    scatter<1, 3, double>(
+        points, s.to,
+        [](std::size_t site, std::array<double, 1>& out) {
+          out[0] = 1.0 + static_cast<double>(site);
+          return site % 5 != 0;
+        },
+        sum.data(),
+        [&](std::size_t site, const LinearCell<3, double>& cell, const std::array<double, 1>& value) {
+          ++visits[site];
+          base[site] = cell.base;
+          given[site] = value[0];
+        });
+    for (int slab = 0; slab < s.from.size[2]; ++slab)
+      visit_slab<3>(s.from, slab, [&](const Index<3>& index, std::size_t site) {
+        EXPECT_EQ(visits[site], 1) << threads;
+        const LinearCell<3, double> cell(s.to, place(index, s.displacement.data() + 3 * site));
+        EXPECT_EQ(base[site], cell.base);
+        EXPECT_EQ(given[site], site % 5 != 0 ? 1.0 + static_cast<double>(site) : 0.0);
+      });
+  }
+  omp_set_num_threads(before);
+}
+
+// Oracle: LinearCell, point by point; the same bits with any number of threads.
+TEST(Scatter, TakesAListOfManyPoints) {
+  const int before = omp_get_max_threads();
+  const Lattice<2> target{{7, 40}, {1, 1}, {}};
+  const std::size_t count = 1300;
+  const std::vector<double> at = random_values(2 * count, 5, 20), values = random_values(count, 6);
+  const auto point = [&](std::size_t i) {
+    return std::array<double, 2>{3 + at[2 * i] / 6, 40.0 * static_cast<double>(i) / count + at[2 * i + 1] / 10};
+  };
+  std::vector<double> expected(target.sites(), 0.0);
+  for (std::size_t i = 0; i < count; ++i)
+    LinearCell<2, double>(target, point(i)).spread<1>({values[i]}, 0, 40, expected.data());
+  for (int threads : {1, 2, 7}) {
+    omp_set_num_threads(threads);
+    std::vector<double> sum(target.sites(), 0.0);
+    scatter<1, 2, double>(
+        listed_points<2, double>(count, point), target,
+        [&](std::size_t i, std::array<double, 1>& out) { return out[0] = values[i], true; }, sum.data());
+    EXPECT_EQ(sum, expected) << threads;
+  }
+  omp_set_num_threads(before);
+}
+
 TEST(Scatter, LeavesOutWhatHasNothingToAddAndKeepsTheRest) {
   const Lattice<2> target{{3, 3}, {1, 1}, {}};
   const std::vector<std::array<double, 2>> points = {{1, 1}, {0.5, 2}, {-4, 9}};

@@ -1,6 +1,10 @@
 #include "core/grid/warp.h"
 
+#include "core/grid/interpolation.h"
+
 #include <gtest/gtest.h>
+
+#include <limits>
 
 #include <Eigen/Geometry>
 #include <cmath>
@@ -101,6 +105,46 @@ void expect_adjoint() {
 TEST(Warp, HasAnAdjoint) {
   expect_adjoint<2>();
   expect_adjoint<3>();
+}
+
+// Rows longer than what is taken at a time. Oracle: LinearCell, site by site.
+TEST(Warp, TakesRowsOfAnyLength) {
+  for (int width : {1, 15, 16, 17, 50}) {
+    const Lattice<3> lattice{{width, 3, 4}, {1, 1, 1}, {}};
+    FramedImage<3, double> image;
+    image.lattice = lattice;
+    image.samples = random_values(lattice.sites(), 1);
+    image.linear = Matrix<3>::Identity();
+    image.offset = Vector<3>::Zero();
+    const std::vector<double> u = random_values(3 * lattice.sites(), 2, 1.5), dual = random_values(lattice.sites(), 3);
+    std::vector<double> out(lattice.sites()), u_dual(u.size());
+    warp<3, double>(image, lattice, u.data(), out.data());
+    warp_adjoint<3, double>({{&image, dual.data()}}, lattice, u.data(), u_dual.data());
+    for (int z = 0; z < 4; ++z)
+      visit_slab<3>(lattice, z, [&](const Index<3>& index, std::size_t site) {
+        const LinearCell<3, double> cell(
+            lattice, {index[0] + u[3 * site], index[1] + u[3 * site + 1], index[2] + u[3 * site + 2]});
+        ASSERT_NEAR(out[site], cell.value<1>(image.samples.data())[0], 1e-13) << width << " " << site;
+        const auto gradient = cell.pulled_back_gradient<1>(image.samples.data(), {dual[site]});
+        for (std::size_t c = 0; c < 3; ++c) ASSERT_NEAR(u_dual[3 * site + c], gradient[c], 1e-13) << width;
+      });
+  }
+}
+
+// Where a dual is 0 the image need not be a number.
+TEST(Warp, HasNoAdjointOfWhatDoesNotCount) {
+  const Lattice<2> lattice{{6, 5}, {1, 1}, {}};
+  FramedImage<2, double> image;
+  image.lattice = lattice;
+  image.samples.assign(lattice.sites(), std::numeric_limits<double>::quiet_NaN());
+  image.linear = Matrix<2>::Identity();
+  image.offset = Vector<2>::Zero();
+  std::vector<double> u(2 * lattice.sites(), 0.3), dual(lattice.sites(), 0.0), u_dual(u.size(), 7.0);
+  for (std::size_t site = 0; site < 12; ++site) image.samples[site] = static_cast<double>(site * site);
+  dual[0] = 1;
+  warp_adjoint<2, double>({{&image, dual.data()}}, lattice, u.data(), u_dual.data());
+  EXPECT_GT(u_dual[0], 0);
+  for (std::size_t i = 2; i < u_dual.size(); ++i) EXPECT_EQ(u_dual[i], 0) << i;
 }
 
 }  // namespace

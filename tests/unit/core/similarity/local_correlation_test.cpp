@@ -1,6 +1,7 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <limits>
 
 #include "core/similarity/similarity.h"
 #include "tests/support/finite_differences.h"
@@ -87,6 +88,59 @@ TEST(LocalCorrelation, GivesNoCorrelationToFlatWindowsInFloat) {
                              lattice.sites();
     EXPECT_NEAR(per_voxel, 1, 0.02) << level;
     for (float slope : gradient) ASSERT_LT(std::abs(slope), 0.05f) << level;
+  }
+}
+
+// In float: behind a strong edge, whose squares are a million times the floor's, a flat part is flat again, in every
+// direction that windows move. Oracle: what it is where there is no edge.
+TEST(LocalCorrelation, ForgetsAnEdgeThatAWindowHasLeft) {
+  const Lattice<3> lattice{{24, 24, 24}, {1, 1, 1}, {}};
+  for (int axis = 0; axis < 3; ++axis) {
+    std::vector<float> fixed(lattice.sites(), 0.0f), warped(lattice.sites(), 0.0f), gradient(lattice.sites());
+    for (int z = 0; z < 24; ++z)
+      visit_slab<3>(lattice, z, [&](const Index<3>& index, std::size_t site) {
+        // Zero mean, so that the flat part is 0 after the mean is taken off; no sum of a block is a whole number.
+        const float sign = (index[0] + index[1] + index[2]) % 2 ? 1.0f : -1.0f;
+        if (index[axis] < 6) fixed[site] = sign * 1000.1f, warped[site] = sign * 999.7f;
+      });
+    make_local_correlation<3, float>(lattice, 2.0, 0.01)
+        ->evaluate(fixed.data(), warped.data(), nullptr, gradient.data(), nullptr);
+    for (int z = 0; z < 24; ++z)
+      visit_slab<3>(lattice, z, [&](const Index<3>& index, std::size_t site) {
+        EXPECT_TRUE(index[axis] < 6 + 4 || gradient[site] == 0.0f) << axis << " " << index[axis];
+      });
+  }
+}
+
+// Oracle: the same images with numbers where nothing counts.
+TEST(LocalCorrelation, DoesNotReadWhatHasNoWeight) {
+  const Images images;
+  std::vector<double> weights(kLattice.sites(), 1.0), fixed = images.fixed, warped = images.warped;
+  for (std::size_t i : {3u, 40u, 41u, 55u, 56u, 100u}) {
+    weights[i] = 0;
+    fixed[i] = std::numeric_limits<double>::quiet_NaN();
+    warped[i] = i % 2 ? std::numeric_limits<double>::infinity() : fixed[i];
+  }
+  const auto similarity = make_local_correlation<2, double>(kLattice, 3.0, 0.05);
+  std::vector<double> expected(weights.size()), found(weights.size());
+  const double value =
+      similarity->evaluate(images.fixed.data(), images.warped.data(), weights.data(), expected.data(), nullptr);
+  EXPECT_NEAR(similarity->evaluate(fixed.data(), warped.data(), weights.data(), found.data(), nullptr), value,
+              1e-12 * value);
+  for (std::size_t i = 0; i < found.size(); ++i) EXPECT_NEAR(found[i], expected[i], 1e-12) << i;
+}
+
+// Oracle: weights of 1, over several bands and chunks of planes.
+TEST(LocalCorrelation, WithoutWeightsIsAsWithWeightsOfOne) {
+  for (const Lattice<3>& lattice : {Lattice<3>{{300, 40, 5}, {1, 1, 1}, {}}, Lattice<3>{{5, 9, 141}, {1, 1, 1}, {}}}) {
+    const std::vector<double> fixed = testing::random_waves<3>(lattice, 4),
+                              warped = testing::random_waves<3>(lattice, 5), ones(lattice.sites(), 1.0);
+    const auto similarity = make_local_correlation<3, double>(lattice, 3, 0.05);
+    std::vector<double> expected(lattice.sites()), found(lattice.sites());
+    const double value = similarity->evaluate(fixed.data(), warped.data(), ones.data(), expected.data(), nullptr);
+    EXPECT_NEAR(similarity->evaluate(fixed.data(), warped.data(), nullptr, found.data(), nullptr), value,
+                1e-10 * value);
+    for (std::size_t i = 0; i < found.size(); ++i) ASSERT_NEAR(found[i], expected[i], 1e-10) << i;
   }
 }
 
