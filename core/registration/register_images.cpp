@@ -8,32 +8,13 @@
 #include "core/registration/pyramid_run.h"
 #include "core/slip/measure_slip.h"
 #include "core/support/errors.h"
+#include "core/support/thread_count.h"
 
 #include <algorithm>
 #include <cmath>
 
-#ifdef _OPENMP
-#include <omp.h>
-#endif
-
 namespace saltus {
 namespace {
-
-#ifdef _OPENMP
-/// Runs with `threads` threads (0: as many as it finds) and leaves the caller's number as it was.
-class ThreadCount {
- public:
-  explicit ThreadCount(int threads) : before_(omp_get_max_threads()) {
-    if (threads > 0) omp_set_num_threads(threads);
-  }
-  ~ThreadCount() { omp_set_num_threads(before_); }
-  ThreadCount(const ThreadCount&) = delete;
-  ThreadCount& operator=(const ThreadCount&) = delete;
-
- private:
-  int before_;
-};
-#endif
 
 /// Largest |H(t) - H(0)| / H(0).
 double drift_of(const std::vector<double>& energies) {
@@ -54,9 +35,7 @@ RegistrationResult<Dim> register_images(const RegistrationInput<Dim>& input, con
   const RegistrationOptions options = resolved(asked, lattice_of(input.fixed.grid));
   const Field<double> directions = frame_directions(input, options);
   check_points(input.fixed_points);
-#ifdef _OPENMP
   const ThreadCount threads(options.threads);
-#endif
 
   const std::vector<std::string> notices = blank_images(input);
   PyramidRun<Dim> run(input, options, directions, !notices.empty(), progress, checkpointing);

@@ -20,8 +20,9 @@ struct FirstOrderPromise {
   /// Sum of (|g| - weight)^2 / (2 stiffness), as a multiple of the similarity. The similarity's own curvature is not in
   /// it, so only its order of magnitude means something.
   double gain = 0;
-  /// Mean square of g along an interface over that across it (m_i: component i), by component. What slides pulls along;
-  /// noise, and motion that is smooth but finer than order 0, pull in all directions alike: 1. 0 where nothing pulls.
+  /// Of the matrix G with a column g for each axis, where any of them pulls: what is not its trace, by component, over
+  /// its trace, in squares. A slip t n^T, t along the interface, has no trace, whichever way n points; noise, and motion
+  /// that is smooth but finer than order 0, pull in all directions alike: 1. 0 where nothing pulls.
   double shear = 0;
 };
 

@@ -219,21 +219,31 @@ bool WorkingSet<Dim, T>::revise(MinimiserState<T>& state) {
 template <int Dim, class T>
 FirstOrderPromise WorkingSet<Dim, T>::promise(std::vector<T>& gradient, double similarity) {
   double gain = 0, along = 0, across = 0;
-  for (std::size_t s = 0; s < scales_.size(); ++s)
-    for (int axis = 0; axis < first_[s].fields; ++axis) {
-      const std::size_t r = first_[s].range + axis;
-      const T* all = gradient_at_all_sites(s, gradient) + axis * scales_[s]->field_size();
-      for (std::size_t site = 0; site < scales_[s]->lattice().sites(); ++site) {
-        double square = 0;
-        for (int k = 0; k < Dim; ++k) square += static_cast<double>(all[Dim * site + k]) * all[Dim * site + k];
-        const double above = std::sqrt(square) - sparsity_[r].weight * (factors_[r].empty() ? 1.0 : factors_[r][site]);
+  for (std::size_t s = 0; s < scales_.size(); ++s) {
+    if (first_[s].fields == 0) continue;
+    const T* all = gradient_at_all_sites(s, gradient);
+    const std::size_t first = first_[s].range;
+    for (std::size_t site = 0; site < scales_[s]->lattice().sites(); ++site) {
+      bool pulls = false;
+      double square = 0, trace = 0;  // of the matrix whose columns are the g of the axes, in the metric of the momenta
+      for (std::size_t axis = 0; axis < Dim; ++axis) {
+        const GroupSparsity& range = sparsity_[first + axis];
+        const T* g = all + axis * scales_[s]->field_size() + Dim * site;
+        double size = 0;
+        for (int k = 0; k < Dim; ++k) size += static_cast<double>(g[k]) * g[k];
+        const std::vector<float>& factors = factors_[first + axis];
+        const double above = std::sqrt(size) - range.weight * (factors.empty() ? 1.0 : factors[site]);
+        square += range.inverse_stiffness * size;
+        trace += std::sqrt(range.inverse_stiffness) * static_cast<double>(g[axis]);
         if (!(above > 0)) continue;
-        const double normal = static_cast<double>(all[Dim * site + axis]) * all[Dim * site + axis];
-        gain += sparsity_[r].inverse_stiffness / 2 * above * above;
-        along += sparsity_[r].inverse_stiffness * (square - normal) / (Dim - 1);
-        across += sparsity_[r].inverse_stiffness * normal;
+        pulls = true;
+        gain += range.inverse_stiffness / 2 * above * above;
       }
+      if (!pulls) continue;
+      along += (square - trace * trace) / (Dim - 1);
+      across += trace * trace;
     }
+  }
   FirstOrderPromise promise;
   if (similarity != 0) promise.gain = gain / std::abs(similarity);
   if (across > 0) promise.shear = along / across;

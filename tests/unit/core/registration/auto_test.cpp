@@ -59,6 +59,16 @@ TEST_P(Auto, LetsFirstOrdersInWhereSomethingSlides) {
   }
 }
 
+// At 30 degrees without noise the m_i of each axis are pulled along themselves as much as across: only what both say
+// together tells a slip.
+TEST_P(Auto, SeesASlipThatIsObliqueAndFreeOfNoise) {
+  PhantomOptions scene = default_phantom_options(PhantomKind::Slip);
+  scene.angle_deg = 30;
+  scene.noise = 0;
+  const Outcome found = outcome_of(make_phantom<2>(scene), default_options(Model::Auto, GetParam(), Preset::Balanced));
+  EXPECT_EQ(found.decision, FirstOrderDecision::LetIn);
+}
+
 INSTANTIATE_TEST_SUITE_P(Similarities, Auto, ::testing::Values(SimilarityType::Ssd, SimilarityType::Lncc),
                          [](const auto& info) { return to_string(info.param); });
 
