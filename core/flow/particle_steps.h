@@ -85,7 +85,8 @@ void advance_heun(const Lattice<Dim>& points, const T* d, const Lattice<Dim>& ve
 }
 
 /// Adjoint of `advance` with respect to the velocity and to `at`: with the dual of `out`,
-/// velocity_dual += transpose of the sampling, at_dual += (gradient of v)^T factor * dual. `at_dual` may be null.
+/// velocity_dual += transpose of the sampling, at_dual += (gradient of v)^T factor * dual. `at_dual` may be null, and
+/// is not `dual`.
 template <int Dim, class T>
 void advance_adjoint(const Lattice<Dim>& points, const BlockMask<Dim>& where, const T* at,
                      const Lattice<Dim>& velocity_lattice, const T* velocity, T factor, const T* dual, T* velocity_dual,
@@ -97,14 +98,7 @@ void advance_adjoint(const Lattice<Dim>& points, const BlockMask<Dim>& where, co
     return;
   }
   const MovedPoints<Dim, T> moved(points, where, at, velocity_lattice);
-  const auto scaled_dual = [&](std::size_t site, std::array<T, Dim>& out) {
-    bool any = false;
-    for (int c = 0; c < Dim; ++c) {
-      out[c] = factor * dual[Dim * site + c];
-      any = any || out[c] != T(0);
-    }
-    return any;
-  };
+  const auto scaled_dual = scaled_values<Dim, T>(dual, factor);
   if (!at_dual) return scatter<Dim, Dim, T>(moved, velocity_lattice, scaled_dual, velocity_dual);
   std::array<T, Dim> per_mm;
   for (int c = 0; c < Dim; ++c) per_mm[c] = static_cast<T>(1 / velocity_lattice.spacing[c]);

@@ -37,14 +37,7 @@ void advance_points_adjoint(const std::vector<T>& at, const Lattice<Dim>& veloci
                             const std::vector<T>& dual, T* velocity_dual, std::vector<T>* at_dual) {
   const auto points = listed_points<Dim, T>(
       at.size() / Dim, [&](std::size_t p) { return index_of<Dim, T>(velocity_lattice, at.data() + Dim * p); });
-  const auto scaled_dual = [&](std::size_t p, std::array<T, Dim>& out) {
-    bool any = false;
-    for (int c = 0; c < Dim; ++c) {
-      out[c] = factor * dual[Dim * p + c];
-      any = any || out[c] != T(0);
-    }
-    return any;
-  };
+  const auto scaled_dual = scaled_values<Dim, T>(dual.data(), factor);
   if (!at_dual) return scatter<Dim, Dim, T>(points, velocity_lattice, scaled_dual, velocity_dual);
   scatter<Dim, Dim, T>(points, velocity_lattice, scaled_dual, velocity_dual,
                        [&](std::size_t p, const LinearCell<Dim, T>& cell, const std::array<T, Dim>& value) {

@@ -70,6 +70,19 @@ class ListedPoints {
   At at_;
 };
 
+/// For `scatter`: factor times an interleaved field's value at the point, nothing where that is 0.
+template <int Dim, class T>
+auto scaled_values(const T* field, T factor) {
+  return [field, factor](std::size_t point, std::array<T, Dim>& out) {
+    bool any = false;
+    for (int c = 0; c < Dim; ++c) {
+      out[c] = factor * field[Dim * point + c];
+      any = any || out[c] != T(0);
+    }
+    return any;
+  };
+}
+
 template <int Dim, class T, class At>
 ListedPoints<Dim, T, At> listed_points(std::size_t count, At at) {
   return {count, std::move(at)};

@@ -9,9 +9,9 @@ namespace saltus {
 namespace {
 
 /// The shortest runs for which moments are faster, along x, y and z. Measured with
-/// tests/benchmark/convolution_benchmark.cpp: 96^3 sites, 3 channels, float; ns a value of rows with runs of 6, 12, 20 and
-/// 64 samples tap by tap along x 0.65, 1.0, 1.5, 4.3, y 0.8, 0.95, 1.3, 4.5, z 0.8, 1.0, 1.3, 4.1; by moments 1.3, 0.9 and
-/// 1.2 at all of them.
+/// tests/benchmark/convolution_benchmark.cpp: 96^3 sites, 3 channels, float; ns a value of rows with runs of 6, 12, 20
+/// and 64 samples tap by tap along x 0.65, 1.0, 1.5, 4.3, y 0.8, 0.95, 1.3, 4.5, z 0.8, 1.0, 1.3, 4.1; by moments 1.3,
+/// 0.9 and 1.2 at all of them.
 constexpr int kShortestRun[3] = {18, 10, 16};
 /// The same where blocks are copied into columns first, whatever the axis.
 constexpr int kShortestRunOfBlocks = 5;

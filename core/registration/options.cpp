@@ -80,7 +80,8 @@ RegistrationOptions default_options(Model model, SimilarityType similarity, Pres
       o.momenta.first_order_scales = 8;  // beside every order-0 scale
       break;
     case Model::Auto:
-      o.momenta.first_order_gain = similarity == SimilarityType::Ssd ? 2 : 2.6;  // core/README.md, "Only where it slides"
+      o.momenta.first_order_gain =
+          similarity == SimilarityType::Ssd ? 2 : 2.6;  // core/README.md, "Only where it slides"
       [[fallthrough]];
     case Model::Sliding:
       o.momenta.first_order_scales = 1;

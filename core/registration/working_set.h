@@ -21,8 +21,8 @@ struct FirstOrderPromise {
   /// it, so only its order of magnitude means something.
   double gain = 0;
   /// Of the matrix G with a column g for each axis, where any of them pulls: what is not its trace, by component, over
-  /// its trace, in squares. A slip t n^T, t along the interface, has no trace, whichever way n points; noise, and motion
-  /// that is smooth but finer than order 0, pull in all directions alike: 1. 0 where nothing pulls.
+  /// its trace, in squares. A slip t n^T, t along the interface, has no trace, whichever way n points; noise, and
+  /// motion that is smooth but finer than order 0, pull in all directions alike: 1. 0 where nothing pulls.
   double shear = 0;
 };
 

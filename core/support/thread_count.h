@@ -31,8 +31,8 @@ class ThreadCount {
   [[maybe_unused]] int before_ = 1;
 };
 
-/// As many threads as loops over so many sites are worth, of those that there are: a loop over few sites is over before a
-/// thread that sleeps is awake. Two threads took 10 times as long as one on 128x128 sites.
+/// As many threads as loops over so many sites are worth, of those that there are: a loop over few sites is over before
+/// a thread that sleeps is awake. Two threads took 10 times as long as one on 128x128 sites.
 inline int threads_worth(std::size_t sites) {
   constexpr std::size_t sites_a_thread = 32768;
 #ifdef _OPENMP
