@@ -11,6 +11,9 @@ namespace saltus {
 template <int Dim, class T>
 double noise_sd(const Lattice<Dim>& lattice, const T* samples, const T* weights);
 
+/// Noise of an image's pyramid level: a sample of it averages about 2^level samples along each axis.
+double noise_of_level(double noise, int level, int dimension);
+
 /// Linear interpolation half way between samples averages noise away, so that a sum of squares prefers displacements
 /// by half a sample. The standard deviation, in samples, of the least Gaussian that makes noise of standard deviation
 /// `noise` so alike from sample to sample that at most a variance of tolerance^2 is lost; at most 2.

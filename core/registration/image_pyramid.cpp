@@ -91,7 +91,7 @@ ImagePyramid<Dim>::ImagePyramid(const RegistrationInput<Dim>& input, const Regis
 
 template <int Dim>
 double ImagePyramid<Dim>::level_noise(int level) const {
-  return noise_ * std::exp2(-0.5 * level * Dim);
+  return noise_of_level(noise_, level, Dim);
 }
 
 template <int Dim>

@@ -34,7 +34,6 @@ class ImagePyramid {
   MatchingLevel<Dim, float> full_resolution() const;
 
  private:
-  /// Noise of a level's images: a sample of a coarser level averages about 2^level samples along each axis.
   double level_noise(int level) const;
   double share_beside_noise(int level) const;
   MatchingLevel<Dim, float> make_level(int level, double smoothing) const;

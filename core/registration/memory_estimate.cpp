@@ -43,13 +43,13 @@ std::size_t memory_estimate(const ImageGrid<Dim>& fixed, const ImageGrid<Dim>& m
       const double sites = sites_of(shares && is_first_at(q) ? q : q + coarsening);
       unknowns += Dim * sites;
       add_lattice(sites);
-      bytes += sites * 5 * vector;  // momentum, velocity, three of the passes
+      bytes += sites * (m.kernel_widths.size() > 1 ? 6 : 5) * vector;  // momentum, velocity, those of the passes
     }
     for (int q = m.first_order_finest_scale; is_first_at(q); ++q) {
       const double sites = sites_of(q);
       unknowns += Dim * Dim * sites;
       if (coarsening > 0 || q < m.finest_scale || q >= m.finest_scale + m.scales) add_lattice(sites);
-      bytes += sites * (5 * vector + Dim * vector);
+      bytes += sites * ((m.first_order_kernel_widths.size() > 1 ? 6 : 5) * vector + Dim * vector);
       // With sparsity only active blocks are unknowns, beside momenta and gradients at all sites. How many there will
       // be is not known: nearly all, at worst.
       if (m.sparsity > 0) bytes += sites * 2 * Dim * vector;

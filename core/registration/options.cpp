@@ -1,8 +1,10 @@
 #include "core/registration/options.h"
 
+#include "core/grid/noise.h"
 #include "core/registration/names.h"
 
 #include <algorithm>
+#include <cmath>
 
 namespace saltus {
 namespace {
@@ -14,6 +16,10 @@ const Names<SimilarityType> kSimilarities = {{SimilarityType::Ssd, "ssd"},   {Si
                                              {SimilarityType::Lncc, "lncc"}, {SimilarityType::Mi, "mi"},
                                              {SimilarityType::Ngf, "ngf"},   {SimilarityType::Mind, "mind"}};
 const Names<Preset> kPresets = {{Preset::Fast, "fast"}, {Preset::Balanced, "balanced"}, {Preset::Accurate, "accurate"}};
+
+// Both measured, core/README.md, "Widths". Noise below which nothing is gained by leaving the finest scale to order 1,
+// and noise at which the finer width of order 0 counts half.
+constexpr double kQuiet = 0.0025, kNoiseOfFineWidth = 0.015;
 
 }  // namespace
 
@@ -30,7 +36,7 @@ SimilarityType parse_similarity(std::string_view text) { return value_of(kSimila
 Preset parse_preset(std::string_view text) { return value_of(kPresets, "preset", text); }
 
 RegistrationOptions resolved(const RegistrationOptions& options, int dimension, double reference_mm,
-                             double largest_axis) {
+                             double largest_axis, double noise) {
   RegistrationOptions o = options;
   if (o.pyramid.finest_level < 0) {
     o.pyramid.finest_level = 0;
@@ -53,6 +59,9 @@ RegistrationOptions resolved(const RegistrationOptions& options, int dimension, 
     while (levels < 8 && largest_axis / (1 << (levels - 1)) >= 32) ++levels;
     o.pyramid.levels = std::max(levels, finest + 1);
   }
+  const double finest_noise = noise_of_level(noise, finest, dimension);
+  const bool is_quiet = finest_noise < kQuiet;
+  if (o.momenta.finest_scale == -3) o.momenta.finest_scale = is_quiet ? -1 : -2;
   if (o.momenta.finest_scale < 0)
     o.momenta.finest_scale = std::min(finest - 1 - o.momenta.finest_scale, o.pyramid.levels - 1);
   if (o.momenta.first_order_finest_scale < 0) o.momenta.first_order_finest_scale = finest;
@@ -60,6 +69,22 @@ RegistrationOptions resolved(const RegistrationOptions& options, int dimension, 
     const bool can = o.momenta.first_order_scales > 0 && o.model != Model::Directional && o.momenta.sparsity > 0 &&
                      o.flow.evolution == Evolution::Carried;
     o.momenta.orientations = can ? (dimension == 2 ? 8 : 9) : 0;
+  }
+  if (o.momenta.width_voxels == 0) {
+    o.momenta.width_voxels = 6;
+    const bool is_sliding = o.model == Model::Sliding || o.model == Model::Auto;
+    if (o.similarity == SimilarityType::Ssd) {
+      if (is_sliding && is_quiet && o.momenta.kernel_widths.empty() && o.momenta.first_order_kernel_widths.empty())
+        o.momenta.kernel_widths = o.momenta.first_order_kernel_widths = {{6, 1}, {3, 0.5}};
+    } else if ((is_sliding || o.model == Model::Gaussian) && o.momenta.kernel_widths.empty()) {
+      const double fine = 0.7 / (1 + std::pow(finest_noise / kNoiseOfFineWidth, 2));
+      o.momenta.kernel_widths = {{9, 1}};
+      if (fine >= 0.01) o.momenta.kernel_widths.push_back({4, std::round(1000 * fine) / 1000});
+    }
+  }
+  if (o.momenta.sparsity_noise > 0) {
+    o.momenta.sparsity *= 1 + finest_noise / o.momenta.sparsity_noise;
+    o.momenta.sparsity_noise = 0;  // it has been followed
   }
   if (o.momenta.scales == 0) o.momenta.scales = std::max(1, o.pyramid.levels - o.momenta.finest_scale);
   return o;
@@ -70,6 +95,7 @@ RegistrationOptions default_options(Model model, SimilarityType similarity, Pres
   o.model = model;
   o.similarity = similarity;
   o.preset = preset;
+  const bool is_correlation = similarity == SimilarityType::Ncc || similarity == SimilarityType::Lncc;
   switch (model) {
     case Model::Gaussian:
     case Model::Wendland:
@@ -80,19 +106,23 @@ RegistrationOptions default_options(Model model, SimilarityType similarity, Pres
       o.momenta.first_order_scales = 8;  // beside every order-0 scale
       break;
     case Model::Auto:
-      o.momenta.first_order_gain =
-          similarity == SimilarityType::Ssd ? 2 : 2.6;  // core/README.md, "Only where it slides"
+      // core/README.md, "Only where it slides"
+      o.momenta.first_order_gain = 2.6;
+      if (similarity == SimilarityType::Ssd) o.momenta.first_order_gain = 2;
+      if (is_correlation) o.momenta.first_order_gain = 1;
+      if (similarity == SimilarityType::Lncc) o.momenta.first_order_shear = 0.6;
+      if (similarity == SimilarityType::Ncc) o.momenta.first_order_shear = 1.45;
       [[fallthrough]];
     case Model::Sliding:
       o.momenta.first_order_scales = 1;
       if (similarity == SimilarityType::Ssd) {
         // ssd follows noise: order 0 leaves the finest scale to order 1, which is sparse.
         o.momenta.first_order_scales = 2;
-        o.momenta.finest_scale = -2;
-        if (model == Model::Auto) {
-          o.momenta.orientations = -1;
-          o.momenta.oblique_share = 0.7;  // core/README.md, "Slip at any orientation"
-        }
+        o.momenta.finest_scale = -3;
+      }
+      if (model == Model::Auto && (is_correlation || similarity == SimilarityType::Ssd)) {
+        o.momenta.orientations = -1;
+        o.momenta.oblique_share = 0.7;  // core/README.md, "Slip at any orientation"
       }
       break;
   }
@@ -170,6 +200,10 @@ RegistrationOptions default_options(Model model, SimilarityType similarity, Pres
     o.flow.map_steps = preset == Preset::Fast ? 1 : 2;
     o.optimisation.tolerance = preset == Preset::Fast ? 5e-2 : preset == Preset::Balanced ? 2.5e-2 : 5e-3;
     o.momenta.first_order_waits = is_sliding;
+    if (is_sliding && is_correlation) {
+      o.momenta.reweighted_rounds = 1;
+      o.momenta.sparsity_noise = 0.04;
+    }
     if (preset == Preset::Fast) {  // first orders cost more than order 0: only the strongest jumps
       o.optimisation.max_iterations = 30;
       o.momenta.sparsity *= 4;

@@ -36,16 +36,21 @@ struct RegistrationOptions {
   } pyramid;
 
   struct Momenta {
-    double width_voxels = 6;                 ///< kernel width sigma, in reference voxels of each momentum scale
-    std::vector<KernelWidth> kernel_widths;  ///< the kernel of every scale as a sum of widths; empty: width_voxels
+    double width_voxels = 0;  ///< kernel width sigma, in reference voxels of each momentum scale; 0: 6, and sums of
+                              ///< widths where they are better for model, similarity and noise (core/README.md)
+    std::vector<KernelWidth> kernel_widths;  ///< kernel of the scales that have order 0 as a sum of widths; empty:
+                                             ///< width_voxels
+    std::vector<KernelWidth> first_order_kernel_widths;  ///< the same for the scales of order 1 alone
     int scales = 0;         ///< number of order-0 scales, each twice as wide as the next; 0: one a level
     int finest_scale = -1;  ///< q: the finest order-0 scale has 2^q reference voxels; -1: that of the finest level,
-                            ///< -2: the next coarser
+                            ///< -2: the next coarser, -3: by the noise, -1 below 0.25 % of the range, else -2
     double regularisation = 0.01;              ///< weight of 1/2 ||v_0||^2, per mm^2
     int first_order_scales = 0;                ///< number of order-1 scales; 0 leaves order 1 out
     int first_order_finest_scale = -1;         ///< as finest_scale, for order 1 (-1 or more)
     double first_order_regularisation = 0.01;  ///< weight of 1/2 ||v_i||^2, per mm^2
     double sparsity = 0;                       ///< lambda of the group L1 on a_1 m_i (a velocity), per mm
+    double sparsity_noise = 0;  ///< noise of the finest level's images at which lambda is twice `sparsity`, in between
+                                ///< linear; 0: lambda does not follow the noise
     int sparsity_path = 1;  ///< weights lambda 2^(n-1), ..., lambda that a level is solved with, one after the other
     int reweighted_rounds = 0;      ///< times that a level is solved again with weights made from the momenta found
     bool debias = false;            ///< a last round without sparsity on the momenta found
@@ -81,10 +86,12 @@ struct RegistrationOptions {
   int threads = 0;  ///< 0: all that the process may use
 };
 
-/// Replaces what is automatic (levels and scales) by what it means for images of this size. Dim is 2 or 3;
-/// `reference_mm` is the finest spacing of the fixed image, `largest_axis` its largest extent in voxels of that size.
+/// Replaces what is automatic (levels, scales, widths, what follows the noise) by what it means for images of this size
+/// and noise. Dim is 2 or 3; `reference_mm` is the finest spacing of the fixed image, `largest_axis` its largest extent
+/// in voxels of that size; `noise` is a standard deviation as a share of the intensity range. No noise asks for the
+/// most memory.
 RegistrationOptions resolved(const RegistrationOptions& options, int dimension, double reference_mm,
-                             double largest_axis);
+                             double largest_axis, double noise = 0);
 
 RegistrationOptions default_options(Model model, SimilarityType similarity, Preset preset);
 

@@ -62,6 +62,18 @@ Parameter real(std::string name, std::string unit, double low, Lower bound, doub
           }};
 }
 
+/// A number from `low` to `high`, or 0 for what the model makes of it.
+template <class Access>
+Parameter real_or_zero(std::string name, std::string unit, double low, double high, std::string description,
+                       Access access) {
+  Parameter made = real(std::move(name), std::move(unit), low, Lower::Inclusive, high, std::move(description), access);
+  made.range = "0, or " + made.range;
+  made.is_valid = [access, is_in_range = std::move(made.is_valid)](const RegistrationOptions& o) {
+    return access(const_cast<RegistrationOptions&>(o)) == 0 || is_in_range(o);
+  };
+  return made;
+}
+
 template <class Access>
 Parameter integer(std::string name, std::string unit, int low, int high, std::string description, Access access) {
   return {
@@ -209,22 +221,26 @@ const std::vector<Parameter>& parameters() {
       integer(
           "finest_level", "", -1, 4, "0: the optimisation ends at full resolution, 1: at half, ...; -1: by preset",
           [](O & o) -> auto& { return o.pyramid.finest_level; }),
-      real(
-          "width_voxels", "voxels of the scale", 1, Lower::Inclusive, 64, "kernel width sigma of every scale",
+      real_or_zero(
+          "width_voxels", "voxels of the scale", 1, 64,
+          "kernel width sigma of every scale; 0: 6, or the sum of widths that suits model, similarity and noise",
           [](O & o) -> auto& { return o.momenta.width_voxels; }),
       kernel_widths(
           "kernel_widths", "voxels of the scale",
-          "the kernel of every scale as a weighted sum of widths, in place of width_voxels; 6:1,12:0.5 is two thirds "
-          "of "
-          "width 6 and one of 12; each width costs as much as the first",
+          "the kernel of scales with order 0 as a weighted sum of widths, in place of width_voxels; 6:1,12:0.5 is two "
+          "thirds of width 6 and one of 12; each width costs as much as the first",
           [](O & o) -> auto& { return o.momenta.kernel_widths; }),
+      kernel_widths(
+          "first_order_kernel_widths", "voxels of the scale",
+          "as kernel_widths, for scales of order 1 that have a kernel of their own (sliding)",
+          [](O & o) -> auto& { return o.momenta.first_order_kernel_widths; }),
       integer(
           "scales", "", 0, 8, "number of order-0 scales, each twice as wide as the next finer; 0: one a level",
           [](O & o) -> auto& { return o.momenta.scales; }),
       integer(
-          "finest_scale", "", -2, 7,
-          "voxel of the finest order-0 scale is 2^this reference voxels; -1: the finest level's, sliding: the next "
-          "coarser",
+          "finest_scale", "", -3, 7,
+          "voxel of the finest order-0 scale is 2^this reference voxels; -1: the finest level's, -2: the next coarser, "
+          "-3: the finest level's where there is next to no noise, else the next coarser",
           [](O & o) -> auto& { return o.momenta.finest_scale; }),
       real(
           "regularisation", "per mm^2", 0, Lower::Exclusive, inf, "weight of the order-0 part of the energy",
@@ -243,6 +259,11 @@ const std::vector<Parameter>& parameters() {
           "sparsity", "per mm", 0, Lower::Inclusive, inf,
           "lambda of the group L1 norm on first-order momenta, as velocities",
           [](O & o) -> auto& { return o.momenta.sparsity; }),
+      real(
+          "sparsity_noise", "intensity range", 0, Lower::Inclusive, 1,
+          "standard deviation of the noise on the finest level at which sparsity counts twice; 0: it does not follow "
+          "the noise",
+          [](O & o) -> auto& { return o.momenta.sparsity_noise; }),
       integer(
           "sparsity_path", "", 1, 12, "weights that a level goes through, each half the one before, down to sparsity",
           [](O & o) -> auto& { return o.momenta.sparsity_path; }),

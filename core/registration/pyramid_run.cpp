@@ -31,27 +31,29 @@ struct StopRequested {};
 }  // namespace
 
 template <int Dim>
-PyramidRun<Dim>::PyramidRun(const RegistrationInput<Dim>& input, const RegistrationOptions& options,
+PyramidRun<Dim>::PyramidRun(const RegistrationInput<Dim>& input, const RegistrationOptions& asked,
                             const Field<double>& directions, bool is_blank, const ProgressCallback& progress,
                             const Checkpointing& checkpointing)
-    : options_(options),
+    : options_(resolved(asked, lattice_of(input.fixed.grid))),
       is_blank_(is_blank),
       progress_(progress),
       checkpointing_(checkpointing),
-      pyramid_(input, options),
-      scales_(make_scales<Dim, Scalar>(pyramid_.fixed_lattice(), options, directions)) {
+      pyramid_(input, options_) {
+  // Noise is known now that there is a pyramid; what follows it is not used before the first level.
+  options_ = resolved(asked, pyramid_.fixed_lattice(), pyramid_.noise());
+  scales_ = make_scales<Dim, Scalar>(pyramid_.fixed_lattice(), options_, directions);
   summary_.noise = pyramid_.noise();
   // Levels on which no scale takes part yet would have nothing to optimise.
-  const int finest = options.pyramid.finest_level;
-  for (int level = options.pyramid.levels - 1; level >= finest; --level)
+  const int finest = options_.pyramid.finest_level;
+  for (int level = options_.pyramid.levels - 1; level >= finest; --level)
     if (level == finest || std::any_of(scales_.begin(), scales_.end(), [&](const auto& s) { return s.level >= level; }))
       levels_.push_back(level);
   if (is_blank_) levels_ = {finest};
 
   // Where first orders have to be worth it, most levels end after the round without them.
-  for (int level : levels_) meter_.plan_step(planned_work(level, options.momenta.first_order_gain <= 0));
+  for (int level : levels_) meter_.plan_step(planned_work(level, options_.momenta.first_order_gain <= 0));
 
-  if (checkpointing.offer || !checkpointing.resume.empty()) job_ = job_fingerprint(input, options);
+  if (checkpointing.offer || !checkpointing.resume.empty()) job_ = job_fingerprint(input, options_);
   if (checkpointing.resume.empty()) return;
   reached_ = decode(checkpointing.resume, job_);
   if (reached_.step < 0 || reached_.step >= static_cast<int>(levels_.size()) || !reached_.minimiser.has_begun() ||
@@ -249,7 +251,7 @@ template <int Dim>
 bool PyramidRun<Dim>::first_orders_are_worth_it() {
   std::vector<Scalar>& momenta = reached_.minimiser.x;
   make_objective(rounds_[1]);
-  objective_->weigh(rounds_[1], momenta);
+  objective_->working_set().weigh(rounds_[1], momenta);  // oriented momenta are not asked: no need to turn them yet
   const FirstOrderPromise promise = objective_->first_order_promise(momenta);
   const bool is_worth_it =
       promise.gain >= options_.momenta.first_order_gain && promise.shear >= options_.momenta.first_order_shear;

@@ -26,14 +26,16 @@ class PyramidRun {
  public:
   using Scalar = float;
 
-  /// `options` are resolved. All must outlive this. Throws InvalidInput for a checkpoint that is damaged or of another
+  /// All but `asked` must outlive this. Throws InvalidInput for a checkpoint that is damaged or of another
   /// job.
-  PyramidRun(const RegistrationInput<Dim>& input, const RegistrationOptions& options, const Field<double>& directions,
+  PyramidRun(const RegistrationInput<Dim>& input, const RegistrationOptions& asked, const Field<double>& directions,
              bool is_blank, const ProgressCallback& progress, const Checkpointing& checkpointing);
 
   /// Until the finest level has ended or the callback asks to stop. Once only.
   void run();
 
+  /// What was asked for, resolved for the images and their noise.
+  const RegistrationOptions& options() const { return options_; }
   const ImagePyramid<Dim>& pyramid() const { return pyramid_; }
   /// Levels, history and termination; times until now.
   RegistrationSummary& summary() { return summary_; }
@@ -65,7 +67,7 @@ class PyramidRun {
   std::string make_checkpoint();
   void count_level_time(LevelSummary& at) const;
 
-  const RegistrationOptions& options_;
+  RegistrationOptions options_;
   const bool is_blank_;
   const ProgressCallback& progress_;
   const Checkpointing& checkpointing_;

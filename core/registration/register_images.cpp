@@ -32,14 +32,14 @@ RegistrationResult<Dim> register_images(const RegistrationInput<Dim>& input, con
   check_input(input);
   const std::vector<std::string> wrong = problems(asked);
   if (!wrong.empty()) throw InvalidInput(wrong.front());
-  const RegistrationOptions options = resolved(asked, lattice_of(input.fixed.grid));
-  const Field<double> directions = frame_directions(input, options);
+  const Field<double> directions = frame_directions(input, asked);
   check_points(input.fixed_points);
-  const ThreadCount threads(options.threads);
+  const ThreadCount threads(asked.threads);
 
   const std::vector<std::string> notices = blank_images(input);
-  PyramidRun<Dim> run(input, options, directions, !notices.empty(), progress, checkpointing);
+  PyramidRun<Dim> run(input, asked, directions, !notices.empty(), progress, checkpointing);
   run.run();
+  const RegistrationOptions& options = run.options();
 
   RegistrationResult<Dim> result;
   result.options = options;

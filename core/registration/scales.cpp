@@ -15,22 +15,23 @@ Lattice<Dim> level_lattice(const Lattice<Dim>& image, int level) {
 }
 
 template <int Dim>
-RegistrationOptions resolved(const RegistrationOptions& options, const Lattice<Dim>& image) {
+RegistrationOptions resolved(const RegistrationOptions& options, const Lattice<Dim>& image, double noise) {
   const double reference = *std::min_element(image.spacing.begin(), image.spacing.end());
   double largest = 0;
   for (int axis = 0; axis < Dim; ++axis)
     largest = std::max(largest, image.size[axis] * image.spacing[axis] / reference);
-  return resolved(options, Dim, reference, largest);
+  return resolved(options, Dim, reference, largest, noise);
 }
 
 namespace {
 
 /// The kernel of a scale whose voxel is `voxel_mm`.
-KernelSum kernel_of(const RegistrationOptions::Momenta& momenta, double voxel_mm,
+KernelSum kernel_of(const RegistrationOptions::Momenta& momenta, Orders orders, double voxel_mm,
                     std::unique_ptr<KernelProfile> (*make)(double)) {
-  if (momenta.kernel_widths.empty()) return make(momenta.width_voxels * voxel_mm);
+  const auto& widths = orders == Orders::First ? momenta.first_order_kernel_widths : momenta.kernel_widths;
+  if (widths.empty()) return make(momenta.width_voxels * voxel_mm);
   std::vector<KernelComponent> components;
-  for (const KernelWidth& width : momenta.kernel_widths)
+  for (const KernelWidth& width : widths)
     components.push_back({width.weight, make(width.voxels * voxel_mm)});
   return KernelSum(std::move(components));
 }
@@ -54,7 +55,7 @@ std::vector<PlacedScale<Dim, T>> make_scales(const Lattice<Dim>& image, const Re
                        q <= std::max(coarsest, momenta.first_order_finest_scale);
     const auto place = [&](Orders orders, std::unique_ptr<KernelProfile> (*make)(double)) {
       MomentumScaleOptions<Dim> made;
-      made.kernel = kernel_of(momenta, std::ldexp(reference, q), make);
+      made.kernel = kernel_of(momenta, orders, std::ldexp(reference, q), make);
       made.lattice = level_lattice(image, orders == Orders::Zeroth ? q + options.flow.coarsening : q);
       made.orders = orders;
       if (has_first(orders) && options.model == Model::Directional)
@@ -75,8 +76,8 @@ std::vector<PlacedScale<Dim, T>> make_scales(const Lattice<Dim>& image, const Re
   return scales;
 }
 
-template RegistrationOptions resolved(const RegistrationOptions&, const Lattice<2>&);
-template RegistrationOptions resolved(const RegistrationOptions&, const Lattice<3>&);
+template RegistrationOptions resolved(const RegistrationOptions&, const Lattice<2>&, double);
+template RegistrationOptions resolved(const RegistrationOptions&, const Lattice<3>&, double);
 template Lattice<2> level_lattice(const Lattice<2>&, int);
 template Lattice<3> level_lattice(const Lattice<3>&, int);
 template std::vector<PlacedScale<2, float>> make_scales(const Lattice<2>&, const RegistrationOptions&,

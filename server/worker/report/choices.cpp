@@ -32,6 +32,12 @@ std::string measured_from(const std::string& name, const ReportInput<Dim>& input
                : "from the preset " + to_string(input.options->preset) +
                      " for 3-D images (fast at most 2 with voxels of 4 mm, balanced at most 1 with 3 mm, accurate 0)";
   if (name == "orientations") return "8 in 2-D and 9 in 3-D, where the other parameters allow for them";
+  if (name == "width_voxels" || name == "kernel_widths" || name == "first_order_kernel_widths")
+    return "from the model, the similarity and the noise on the finest level";
+  if (name == "sparsity") return "from the noise on the finest level (sparsity_noise)";
+  if (name == "sparsity_noise") return "it has been followed";
+  if (name == "finest_scale" && input.options->momenta.finest_scale == -3)
+    return "from the noise on the finest level: the next coarser from 0.25 % on";
   return "from the levels";
 }
 

@@ -59,5 +59,51 @@ TEST(KernelWidths, AreVoxelsOfEachScale) {
   }
 }
 
+TEST(KernelWidths, OfFirstOrdersAloneAreTheirOwn) {
+  const Lattice<2> image{{64, 64}, {1, 1}, {}};
+  RegistrationOptions options = default_options(Model::Sliding, SimilarityType::Lncc, Preset::Balanced);
+  set_parameter(options, "first_order_kernel_widths", "5:1,3:1");
+  int zeroth = 0, first = 0;
+  for (const auto& placed : make_scales<2, float>(image, resolved(options, image))) {
+    const auto& components = placed.scale->options().kernel.components();
+    ASSERT_EQ(components.size(), 2u);
+    const bool is_first = placed.scale->has_first_order();
+    ++(is_first ? first : zeroth);
+    EXPECT_DOUBLE_EQ(components[0].profile->width(), std::ldexp(is_first ? 5.0 : 9.0, placed.level));
+    EXPECT_DOUBLE_EQ(components[1].profile->width(), std::ldexp(is_first ? 3.0 : 4.0, placed.level));
+  }
+  EXPECT_GT(zeroth, 0);
+  EXPECT_GT(first, 0);
+}
+
+TEST(KernelWidths, FollowTheModelUnlessTheyAreGiven) {
+  const auto widths = [](Model model, SimilarityType similarity, const char* name, const char* value) {
+    RegistrationOptions options = default_options(model, similarity, Preset::Balanced);
+    if (name) set_parameter(options, name, value);
+    const RegistrationOptions made = resolved(options, 3, 1, 128), again = resolved(made, 3, 1, 128);
+    EXPECT_EQ(listed(made), listed(again));
+    EXPECT_EQ(made.momenta.width_voxels, again.momenta.width_voxels);
+    return listed(made) + " or " + std::to_string(static_cast<int>(made.momenta.width_voxels));
+  };
+  for (Model model : {Model::Gaussian, Model::Sliding, Model::Auto}) {
+    EXPECT_EQ(widths(model, SimilarityType::Lncc, nullptr, nullptr), "9:1,4:0.7 or 6");
+    EXPECT_EQ(widths(model, SimilarityType::Mi, "width_voxels", "5"), "none or 5");
+    EXPECT_EQ(widths(model, SimilarityType::Ncc, "kernel_widths", "7:1"), "7:1 or 6");
+    EXPECT_EQ(widths(model, SimilarityType::Ssd, nullptr, nullptr), "none or 6");
+  }
+  for (Model model : {Model::Wendland, Model::Wendland1, Model::Directional})
+    EXPECT_EQ(widths(model, SimilarityType::Lncc, nullptr, nullptr), "none or 6");
+}
+
+TEST(KernelWidths, AWidthIsAtLeastAVoxel) {
+  RegistrationOptions options;
+  for (const char* wrong : {"0.5", "-1", "65", "nan"})
+    EXPECT_THROW(set_parameter(options, "width_voxels", wrong), InvalidInput) << wrong;
+  set_parameter(options, "width_voxels", "1");
+  EXPECT_EQ(options.momenta.width_voxels, 1);
+  set_parameter(options, "width_voxels", "0");
+  EXPECT_EQ(options.momenta.width_voxels, 0);
+}
+
 }  // namespace
 }  // namespace saltus
