@@ -70,8 +70,6 @@ double noise_sd(const Lattice<Dim>& lattice, const T* samples, const T* weights)
   return *median / 0.6745;  // the median of |x| for a normal x of standard deviation 1
 }
 
-double noise_of_level(double noise, int level, int dimension) { return noise * std::exp2(-0.5 * level * dimension); }
-
 double smoothing_against_noise(double noise, int dimension, double tolerance) {
   const auto lost = [&](double sigma) {
     const SmoothedNoise axis(sigma);

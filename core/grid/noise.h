@@ -2,6 +2,8 @@
 
 #include "core/grid/lattice.h"
 
+#include <cmath>
+
 namespace saltus {
 
 /// Standard deviation of the white noise in an image, from the median size of the product of its second differences
@@ -12,7 +14,9 @@ template <int Dim, class T>
 double noise_sd(const Lattice<Dim>& lattice, const T* samples, const T* weights);
 
 /// Noise of an image's pyramid level: a sample of it averages about 2^level samples along each axis.
-double noise_of_level(double noise, int level, int dimension);
+inline double noise_of_level(double noise, int level, int dimension) {
+  return noise * std::exp2(-0.5 * level * dimension);
+}
 
 /// Linear interpolation half way between samples averages noise away, so that a sum of squares prefers displacements
 /// by half a sample. The standard deviation, in samples, of the least Gaussian that makes noise of standard deviation

@@ -25,6 +25,10 @@ Termination termination_of(MinimiseTermination termination) {
   return Termination::Stopped;
 }
 
+/// What the rounds before have brought counts so much for a round with other weights, where it is to be said that a
+/// round brings little: with 0 sliding takes 2.5 times as long on the brains, and beside slips the error is 3 % less.
+constexpr double kShareOfRoundsBefore = 0.4;
+
 /// Thrown by the evaluation hook when the caller wants the run to end, caught where the rounds are run.
 struct StopRequested {};
 
@@ -232,11 +236,14 @@ void PyramidRun<Dim>::begin_round(std::size_t round) {
 
 template <int Dim>
 void PyramidRun<Dim>::minimise_round(std::size_t round) {
-  // A round in which first orders waited minimised the same energy.
   round_watch_ = Stopwatch();
   round_work_ = 0;
-  const bool goes_on = round > 0 && !rounds_[round - 1].lets_blocks_join && options_.momenta.first_order_waits;
-  how_.decrease_before = goes_on ? level_.energy_before - level_.energy_after : 0;
+  how_.decrease_before = 0;
+  if (round > 0 && options_.momenta.first_order_waits) {
+    // A round in which first orders waited minimised the same energy; others one with other weights.
+    const double share = rounds_[round - 1].lets_blocks_join ? kShareOfRoundsBefore : 1;
+    how_.decrease_before = share * (level_.energy_before - level_.energy_after);
+  }
   const MinimiseSummary found = minimise<Scalar>(*objective_, how_, reached_.minimiser,
                                                  [this](const MinimiseStep& taken) { return accept(taken); });
   if (level_.rounds == 1) how_.optimality_reference = found.first_optimality;

@@ -75,6 +75,7 @@ INSTANTIATE_TEST_SUITE_P(Similarities, Auto, ::testing::Values(SimilarityType::S
 TEST(AutoModel, IsSlidingThatAsksFirst) {
   RegistrationOptions options = default_options(Model::Auto, SimilarityType::Lncc, Preset::Balanced);
   options.momenta.first_order_gain = 0;
+  options.momenta.orientations = 0;
   const Phantom<2> phantom = make_phantom<2>(default_phantom_options(PhantomKind::Smooth));
   const Outcome asked_nothing = outcome_of(phantom, options);
   const Outcome sliding = outcome_of(phantom, default_options(Model::Sliding, SimilarityType::Lncc, Preset::Balanced));

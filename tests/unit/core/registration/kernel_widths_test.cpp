@@ -76,23 +76,57 @@ TEST(KernelWidths, OfFirstOrdersAloneAreTheirOwn) {
   EXPECT_GT(first, 0);
 }
 
-TEST(KernelWidths, FollowTheModelUnlessTheyAreGiven) {
-  const auto widths = [](Model model, SimilarityType similarity, const char* name, const char* value) {
-    RegistrationOptions options = default_options(model, similarity, Preset::Balanced);
-    if (name) set_parameter(options, name, value);
-    const RegistrationOptions made = resolved(options, 3, 1, 128), again = resolved(made, 3, 1, 128);
-    EXPECT_EQ(listed(made), listed(again));
-    EXPECT_EQ(made.momenta.width_voxels, again.momenta.width_voxels);
-    return listed(made) + " or " + std::to_string(static_cast<int>(made.momenta.width_voxels));
-  };
+/// Width and widths of both orders when nothing but `name` is given, for images with that noise.
+std::string chosen(Model model, SimilarityType similarity, double noise, const char* name = nullptr,
+                   const char* value = nullptr) {
+  RegistrationOptions options = default_options(model, similarity, Preset::Accurate);  // to full resolution
+  if (name) set_parameter(options, name, value);
+  const RegistrationOptions made = resolved(options, 3, 1, 128, noise), again = resolved(made, 3, 1, 128, noise);
+  std::string text;
+  for (const RegistrationOptions& once : {made, again}) {
+    std::string found;
+    for (const ParameterInfo& info : list_parameters(once))
+      if (info.name == "width_voxels" || info.name == "kernel_widths" || info.name == "first_order_kernel_widths")
+        found += " " + info.value;
+    EXPECT_TRUE(text.empty() || text == found) << "not the same when resolved again";
+    text = found;
+  }
+  return text;
+}
+
+TEST(KernelWidths, FollowModelSimilarityAndNoiseUnlessTheyAreGiven) {
   for (Model model : {Model::Gaussian, Model::Sliding, Model::Auto}) {
-    EXPECT_EQ(widths(model, SimilarityType::Lncc, nullptr, nullptr), "9:1,4:0.7 or 6");
-    EXPECT_EQ(widths(model, SimilarityType::Mi, "width_voxels", "5"), "none or 5");
-    EXPECT_EQ(widths(model, SimilarityType::Ncc, "kernel_widths", "7:1"), "7:1 or 6");
-    EXPECT_EQ(widths(model, SimilarityType::Ssd, nullptr, nullptr), "none or 6");
+    for (SimilarityType similarity : {SimilarityType::Lncc, SimilarityType::Ncc, SimilarityType::Mi}) {
+      EXPECT_EQ(chosen(model, similarity, 0), " 6 9:1,4:0.7 none");
+      EXPECT_EQ(chosen(model, similarity, 0.015), " 6 9:1,4:0.35 none");  // half at this noise
+      EXPECT_EQ(chosen(model, similarity, 0.3), " 6 9:1 none");
+      EXPECT_EQ(chosen(model, similarity, 0, "width_voxels", "5"), " 5 none none");
+      EXPECT_EQ(chosen(model, similarity, 0, "kernel_widths", "7:1"), " 6 7:1 none");
+    }
+    const bool is_sliding = model != Model::Gaussian;
+    EXPECT_EQ(chosen(model, SimilarityType::Ssd, 0), is_sliding ? " 6 6:1,3:0.5 6:1,3:0.5" : " 6 none none");
+    EXPECT_EQ(chosen(model, SimilarityType::Ssd, 0.01), " 6 none none");
+    EXPECT_EQ(chosen(model, SimilarityType::Ssd, 0, "first_order_kernel_widths", "5:1"), " 6 none 5:1");
   }
   for (Model model : {Model::Wendland, Model::Wendland1, Model::Directional})
-    EXPECT_EQ(widths(model, SimilarityType::Lncc, nullptr, nullptr), "none or 6");
+    EXPECT_EQ(chosen(model, SimilarityType::Lncc, 0), " 6 none none");
+}
+
+TEST(Noise, IsThatOfTheFinestLevel) {
+  RegistrationOptions options = default_options(Model::Sliding, SimilarityType::Lncc, Preset::Balanced);
+  set_parameter(options, "finest_level", "1");
+  const double asked = options.momenta.sparsity;
+  // A voxel of that level averages eight, so that the noise there is 0.04, at which the weight is doubled.
+  const RegistrationOptions made = resolved(options, 3, 1, 128, 0.04 * std::sqrt(8.0));
+  EXPECT_NEAR(made.momenta.sparsity, 2 * asked, 1e-12);
+  EXPECT_NEAR(resolved(made, 3, 1, 128, 0.04 * std::sqrt(8.0)).momenta.sparsity, 2 * asked, 1e-12);
+  EXPECT_EQ(resolved(options, 3, 1, 128, 0).momenta.sparsity, asked);
+}
+
+TEST(Noise, DecidesTheFinestScaleOfOrderZeroForSsd) {
+  const RegistrationOptions options = default_options(Model::Auto, SimilarityType::Ssd, Preset::Balanced);
+  EXPECT_EQ(resolved(options, 2, 1, 128, 0.002).momenta.finest_scale, 0);
+  EXPECT_EQ(resolved(options, 2, 1, 128, 0.003).momenta.finest_scale, 1);
 }
 
 TEST(KernelWidths, AWidthIsAtLeastAVoxel) {
