@@ -349,39 +349,55 @@ void OrientedMomenta<Dim, T>::add_velocity_adjoint(const std::vector<Element>& e
     T pulled_lanes[Dim][kLanes] = {}, force_lanes[Dim][kLanes] = {}, turning_lanes[Dim][Dim][kLanes] = {};
     visit_rows(orientation, place, 0, planes, [&](std::size_t site, int count, const T* start, const T* step) {
       for (int from = 0; from < count; from += kLanes) {
-        T own[Dim][kLanes], r[Dim][kLanes], f[Dim][kLanes];
+        // Whole lanes are read, for which the buffer is long enough; beyond the row they count nothing.
+        T own[Dim][kLanes], r[Dim][kLanes], f[Dim][kLanes], inside[kLanes];
         const int width = count - from;
+#pragma omp simd
+        for (int i = 0; i < kLanes; ++i) inside[i] = i < width ? T(1) : T(0);
         for (int a = 0; a < Dim; ++a) {
           const T* dual = by_component_.data() + static_cast<std::size_t>(a) * sites_ + site + from;
-          for (int i = 0; i < kLanes; ++i) own[a][i] = i < width ? dual[i] : T(0);
+#pragma omp simd
+          for (int i = 0; i < kLanes; ++i) own[a][i] = dual[i] * inside[i];
         }
         for (int k = 0; k < Dim; ++k)
+#pragma omp simd
           for (int i = 0; i < kLanes; ++i) r[k][i] = start[k] + static_cast<T>(from + i) * step[k];
+#pragma omp simd
         for (int i = 0; i < kLanes; ++i) f[0][i] = p[0].slope(r[0][i]);
         for (int k = 1; k < Dim; ++k)
+#pragma omp simd
           for (int i = 0; i < kLanes; ++i) f[k][i] = p[k].value(r[k][i]);
         T shape[kLanes];
+#pragma omp simd
         for (int i = 0; i < kLanes; ++i) shape[i] = f[0][i] * f[1][i];
         if constexpr (Dim == 3)
+#pragma omp simd
           for (int i = 0; i < kLanes; ++i) shape[i] *= f[2][i];
         for (int a = 0; a < Dim; ++a)
+#pragma omp simd
           for (int i = 0; i < kLanes; ++i) pulled_lanes[a][i] += shape[i] * own[a][i];
         if (!moves) continue;
         T g[kLanes] = {};
         for (int a = 0; a < Dim; ++a)
+#pragma omp simd
           for (int i = 0; i < kLanes; ++i) g[i] += vector[a] * own[a][i];
         for (int k = 0; k < Dim; ++k) {
           T term[kLanes];
           if (k == 0)
+#pragma omp simd
             for (int i = 0; i < kLanes; ++i) term[i] = g[i] * p[0].slope_derivative(r[0][i]);
           else
+#pragma omp simd
             for (int i = 0; i < kLanes; ++i) term[i] = g[i] * p[k].slope(r[k][i]) * p[k].per_sigma;
           for (int other = 0; other < Dim; ++other) {
             if (other == k) continue;
+#pragma omp simd
             for (int i = 0; i < kLanes; ++i) term[i] *= f[other][i];
           }
+#pragma omp simd
           for (int i = 0; i < kLanes; ++i) force_lanes[k][i] += term[i];
           for (int l = 0; l < Dim; ++l)
+#pragma omp simd
             for (int i = 0; i < kLanes; ++i) turning_lanes[k][l][i] += term[i] * r[l][i];
         }
       }

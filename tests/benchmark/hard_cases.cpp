@@ -262,6 +262,7 @@ void add_machine(Run& run) {
       PhantomOptions phantom = slip(run, 6);
       phantom.size = {64, 64, 1};
       RegistrationOptions options = defaults(similarity);
+      options.momenta.width_voxels = 6;
       options.momenta.scales = 3;
       options.momenta.finest_scale = options.momenta.first_order_finest_scale = 0;
       options.momenta.orientations = 0;  // one round from a given start: nothing is turned
