@@ -17,9 +17,8 @@ const Names<SimilarityType> kSimilarities = {{SimilarityType::Ssd, "ssd"},   {Si
                                              {SimilarityType::Ngf, "ngf"},   {SimilarityType::Mind, "mind"}};
 const Names<Preset> kPresets = {{Preset::Fast, "fast"}, {Preset::Balanced, "balanced"}, {Preset::Accurate, "accurate"}};
 
-// Both measured, core/README.md, "Widths". Noise below which nothing is gained by leaving the finest scale to order 1,
-// and noise at which the finer width of order 0 counts half.
-constexpr double kQuiet = 0.0025, kNoiseOfFineWidth = 0.015;
+/// At which the narrower width of order 0 counts half; measured, core/README.md, "Widths".
+constexpr double kNoiseOfFineWidth = 0.015;
 
 }  // namespace
 
@@ -60,8 +59,6 @@ RegistrationOptions resolved(const RegistrationOptions& options, int dimension, 
     o.pyramid.levels = std::max(levels, finest + 1);
   }
   const double finest_noise = noise_of_level(noise, finest, dimension);
-  const bool is_quiet = finest_noise < kQuiet;
-  if (o.momenta.finest_scale == -3) o.momenta.finest_scale = is_quiet ? -1 : -2;
   if (o.momenta.finest_scale < 0)
     o.momenta.finest_scale = std::min(finest - 1 - o.momenta.finest_scale, o.pyramid.levels - 1);
   if (o.momenta.first_order_finest_scale < 0) o.momenta.first_order_finest_scale = finest;
@@ -72,11 +69,8 @@ RegistrationOptions resolved(const RegistrationOptions& options, int dimension, 
   }
   if (o.momenta.width_voxels == 0) {
     o.momenta.width_voxels = 6;
-    const bool is_sliding = o.model == Model::Sliding || o.model == Model::Auto;
-    if (o.similarity == SimilarityType::Ssd) {
-      if (is_sliding && is_quiet && o.momenta.kernel_widths.empty() && o.momenta.first_order_kernel_widths.empty())
-        o.momenta.kernel_widths = o.momenta.first_order_kernel_widths = {{6, 1}, {3, 0.5}};
-    } else if ((is_sliding || o.model == Model::Gaussian) && o.momenta.kernel_widths.empty()) {
+    const bool is_gaussian = o.model == Model::Gaussian || o.model == Model::Sliding || o.model == Model::Auto;
+    if (is_gaussian && o.similarity != SimilarityType::Ssd && o.momenta.kernel_widths.empty()) {
       const double fine = 0.7 / (1 + std::pow(finest_noise / kNoiseOfFineWidth, 2));
       o.momenta.kernel_widths = {{9, 1}};
       if (fine >= 0.01) o.momenta.kernel_widths.push_back({4, std::round(1000 * fine) / 1000});
@@ -118,7 +112,7 @@ RegistrationOptions default_options(Model model, SimilarityType similarity, Pres
       if (similarity == SimilarityType::Ssd) {
         // ssd follows noise: order 0 leaves the finest scale to order 1, which is sparse.
         o.momenta.first_order_scales = 2;
-        o.momenta.finest_scale = -3;
+        o.momenta.finest_scale = -2;
       }
       if (model == Model::Auto && (is_correlation || similarity == SimilarityType::Ssd)) {
         o.momenta.orientations = -1;

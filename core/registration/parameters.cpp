@@ -238,9 +238,8 @@ const std::vector<Parameter>& parameters() {
           "scales", "", 0, 8, "number of order-0 scales, each twice as wide as the next finer; 0: one a level",
           [](O & o) -> auto& { return o.momenta.scales; }),
       integer(
-          "finest_scale", "", -3, 7,
-          "voxel of the finest order-0 scale is 2^this reference voxels; -1: the finest level's, -2: the next coarser, "
-          "-3: the finest level's where there is next to no noise, else the next coarser",
+          "finest_scale", "", -2, 7,
+          "voxel of the finest order-0 scale is 2^this reference voxels; -1: the finest level's, -2: the next coarser",
           [](O & o) -> auto& { return o.momenta.finest_scale; }),
       real(
           "regularisation", "per mm^2", 0, Lower::Exclusive, inf, "weight of the order-0 part of the energy",

@@ -36,8 +36,6 @@ std::string measured_from(const std::string& name, const ReportInput<Dim>& input
     return "from the model, the similarity and the noise on the finest level";
   if (name == "sparsity") return "from the noise on the finest level (sparsity_noise)";
   if (name == "sparsity_noise") return "it has been followed";
-  if (name == "finest_scale" && input.options->momenta.finest_scale == -3)
-    return "from the noise on the finest level: the next coarser from 0.25 % on";
   return "from the levels";
 }
 

@@ -103,9 +103,7 @@ TEST(KernelWidths, FollowModelSimilarityAndNoiseUnlessTheyAreGiven) {
       EXPECT_EQ(chosen(model, similarity, 0, "width_voxels", "5"), " 5 none none");
       EXPECT_EQ(chosen(model, similarity, 0, "kernel_widths", "7:1"), " 6 7:1 none");
     }
-    const bool is_sliding = model != Model::Gaussian;
-    EXPECT_EQ(chosen(model, SimilarityType::Ssd, 0), is_sliding ? " 6 6:1,3:0.5 6:1,3:0.5" : " 6 none none");
-    EXPECT_EQ(chosen(model, SimilarityType::Ssd, 0.01), " 6 none none");
+    EXPECT_EQ(chosen(model, SimilarityType::Ssd, 0), " 6 none none");
     EXPECT_EQ(chosen(model, SimilarityType::Ssd, 0, "first_order_kernel_widths", "5:1"), " 6 none 5:1");
   }
   for (Model model : {Model::Wendland, Model::Wendland1, Model::Directional})
@@ -121,12 +119,6 @@ TEST(Noise, IsThatOfTheFinestLevel) {
   EXPECT_NEAR(made.momenta.sparsity, 2 * asked, 1e-12);
   EXPECT_NEAR(resolved(made, 3, 1, 128, 0.04 * std::sqrt(8.0)).momenta.sparsity, 2 * asked, 1e-12);
   EXPECT_EQ(resolved(options, 3, 1, 128, 0).momenta.sparsity, asked);
-}
-
-TEST(Noise, DecidesTheFinestScaleOfOrderZeroForSsd) {
-  const RegistrationOptions options = default_options(Model::Auto, SimilarityType::Ssd, Preset::Balanced);
-  EXPECT_EQ(resolved(options, 2, 1, 128, 0.002).momenta.finest_scale, 0);
-  EXPECT_EQ(resolved(options, 2, 1, 128, 0.003).momenta.finest_scale, 1);
 }
 
 TEST(KernelWidths, AWidthIsAtLeastAVoxel) {
