@@ -81,12 +81,18 @@ ImagePyramid<Dim>::ImagePyramid(const RegistrationInput<Dim>& input, const Regis
   moving_ = scaled(range, input.moving.samples);
   if (input.fixed_mask) hide(fixed_weights, fixed_);
   if (input.moving_mask) hide(moving_weights, moving_);
-  const SimilarityOptions& similarity = options.similarity_parameters;
-  noise_ = similarity.noise;
-  if (noise_ < 0)
-    noise_ = std::sqrt((noise_variance(fixed_lattice_, fixed_, fixed_weights) +
-                        noise_variance(moving_lattice_, moving_, moving_weights)) /
-                       2);
+  noise_ = options.similarity_parameters.noise;
+  if (noise_ >= 0) return;
+  // Only ssd compares intensities; for the others each image's noise is a share of its own range.
+  double moving_range = 1;
+  if (options.similarity != SimilarityType::Ssd)
+    moving_range =
+        intensity_range(moving_.size(), moving_.data(), moving_weights.empty() ? nullptr : moving_weights.data())
+            .width();
+  if (!(moving_range > 0)) moving_range = 1;
+  noise_ = std::sqrt((noise_variance(fixed_lattice_, fixed_, fixed_weights) +
+                      noise_variance(moving_lattice_, moving_, moving_weights) / (moving_range * moving_range)) /
+                     2);
 }
 
 template <int Dim>

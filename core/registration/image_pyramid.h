@@ -17,7 +17,8 @@ class ImagePyramid {
   ImagePyramid(const RegistrationInput<Dim>& input, const RegistrationOptions& options);
 
   const Lattice<Dim>& fixed_lattice() const { return fixed_lattice_; }
-  /// Standard deviation of the noise, in units of the scaled intensities: the root mean square of both images'.
+  /// Standard deviation of the noise, the root mean square of both images': with ssd in units of the scaled
+  /// intensities, else each in units of its own range.
   double noise() const { return noise_; }
   /// Gaussian that the images of a level are smoothed with, sd in voxels of the level (at least half a voxel along axes
   /// that the level coarsens).

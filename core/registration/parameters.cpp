@@ -228,11 +228,11 @@ const std::vector<Parameter>& parameters() {
       kernel_widths(
           "kernel_widths", "voxels of the scale",
           "the kernel of scales with order 0 as a weighted sum of widths, in place of width_voxels; 6:1,12:0.5 is two "
-          "thirds of width 6 and one of 12; each width costs as much as the first",
+          "thirds of width 6 and one of 12; each width costs as much as the first; none: width_voxels",
           [](O & o) -> auto& { return o.momenta.kernel_widths; }),
       kernel_widths(
           "first_order_kernel_widths", "voxels of the scale",
-          "as kernel_widths, for scales of order 1 that have a kernel of their own (sliding)",
+          "as kernel_widths, for scales of order 1 that have a kernel of their own (models sliding and auto)",
           [](O & o) -> auto& { return o.momenta.first_order_kernel_widths; }),
       integer(
           "scales", "", 0, 8, "number of order-0 scales, each twice as wide as the next finer; 0: one a level",
@@ -260,8 +260,9 @@ const std::vector<Parameter>& parameters() {
           [](O & o) -> auto& { return o.momenta.sparsity; }),
       real(
           "sparsity_noise", "intensity range", 0, Lower::Inclusive, 1,
-          "standard deviation of the noise on the finest level at which sparsity counts twice; 0: it does not follow "
-          "the noise",
+          "sparsity counts 1 + (standard deviation of the noise on the finest level) / this times, twice at this "
+          "noise; "
+          "0: it does not follow the noise",
           [](O & o) -> auto& { return o.momenta.sparsity_noise; }),
       integer(
           "sparsity_path", "", 1, 12, "weights that a level goes through, each half the one before, down to sparsity",

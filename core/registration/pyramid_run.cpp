@@ -57,7 +57,8 @@ PyramidRun<Dim>::PyramidRun(const RegistrationInput<Dim>& input, const Registrat
   // Where first orders have to be worth it, most levels end after the round without them.
   for (int level : levels_) meter_.plan_step(planned_work(level, options_.momenta.first_order_gain <= 0));
 
-  if (checkpointing.offer || !checkpointing.resume.empty()) job_ = job_fingerprint(input, options_);
+  if (checkpointing.offer || !checkpointing.resume.empty())
+    job_ = job_fingerprint(input, resolved(asked, pyramid_.fixed_lattice()));
   if (checkpointing.resume.empty()) return;
   reached_ = decode(checkpointing.resume, job_);
   if (reached_.step < 0 || reached_.step >= static_cast<int>(levels_.size()) || !reached_.minimiser.has_begun() ||
@@ -242,7 +243,7 @@ void PyramidRun<Dim>::minimise_round(std::size_t round) {
   if (round > 0 && options_.momenta.first_order_waits) {
     // A round in which first orders waited minimised the same energy; others one with other weights.
     const double share = rounds_[round - 1].lets_blocks_join ? kShareOfRoundsBefore : 1;
-    how_.decrease_before = share * (level_.energy_before - level_.energy_after);
+    how_.decrease_before = std::max(0.0, share * (level_.energy_before - level_.energy_after));
   }
   const MinimiseSummary found = minimise<Scalar>(*objective_, how_, reached_.minimiser,
                                                  [this](const MinimiseStep& taken) { return accept(taken); });

@@ -31,8 +31,7 @@ KernelSum kernel_of(const RegistrationOptions::Momenta& momenta, Orders orders, 
   const auto& widths = orders == Orders::First ? momenta.first_order_kernel_widths : momenta.kernel_widths;
   if (widths.empty()) return make(momenta.width_voxels * voxel_mm);
   std::vector<KernelComponent> components;
-  for (const KernelWidth& width : widths)
-    components.push_back({width.weight, make(width.voxels * voxel_mm)});
+  for (const KernelWidth& width : widths) components.push_back({width.weight, make(width.voxels * voxel_mm)});
   return KernelSum(std::move(components));
 }
 

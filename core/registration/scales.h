@@ -24,8 +24,8 @@ Lattice<Dim> level_lattice(const Lattice<Dim>& image, int level);
 template <int Dim>
 RegistrationOptions resolved(const RegistrationOptions& options, const Lattice<Dim>& image, double noise = 0);
 
-/// The scales that resolved options ask for, coarsest first. Scale q lives on the lattice of level q; its kernel has the
-/// width width_voxels * reference spacing * 2^q, or is the sum of widths that kernel_widths (order 1 alone:
+/// The scales that resolved options ask for, coarsest first. Scale q lives on the lattice of level q; its kernel has
+/// the width width_voxels * reference spacing * 2^q, or is the sum of widths that kernel_widths (order 1 alone:
 /// first_order_kernel_widths) asks for. The order-0 kernel of `sliding` is Gaussian, its order-1 kernel Wendland.
 /// `directions` are those of frame_directions, for model directional.
 template <int Dim, class T>

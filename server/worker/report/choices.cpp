@@ -35,7 +35,6 @@ std::string measured_from(const std::string& name, const ReportInput<Dim>& input
   if (name == "width_voxels" || name == "kernel_widths" || name == "first_order_kernel_widths")
     return "from the model, the similarity and the noise on the finest level";
   if (name == "sparsity") return "from the noise on the finest level (sparsity_noise)";
-  if (name == "sparsity_noise") return "it has been followed";
   return "from the levels";
 }
 
@@ -49,10 +48,13 @@ std::vector<Choice> choices(const ReportInput<Dim>& input) {
     const auto in_use = used.find(asked.name), by_default = defaults.find(asked.name);
     const bool is_set = by_default != defaults.end() && by_default->second != asked.value;
     const bool is_filled_in = in_use != used.end() && in_use->second != asked.value;
+    if (asked.name == "sparsity_noise" && !is_set) continue;  // what follows it says so
     if (is_set)
       found.push_back(
           {asked.name, asked.value, asked.unit, "set by the job; the default is " + by_default->second, true});
-    else if (is_filled_in)
+    if (is_set && asked.name == "sparsity" && is_filled_in)
+      found.push_back({"sparsity in use", in_use->second, asked.unit, measured_from(asked.name, input), false});
+    else if (!is_set && is_filled_in)
       found.push_back({asked.name, in_use->second, asked.unit, measured_from(asked.name, input), false});
   }
   const RegistrationSummary& summary = input.result->summary;

@@ -84,6 +84,31 @@ TEST(AutoModel, IsSlidingThatAsksFirst) {
   EXPECT_EQ(asked_nothing.evaluations, sliding.evaluations);
 }
 
+// Oracle: the noise that the phantom was made with, and what resolved() says of it. Intensities of one image in other
+// units change nothing where the similarity does not compare them.
+TEST(AutoModel, MeasuresTheNoiseThatWidthsAndSparsityFollow) {
+  PhantomOptions scene = default_phantom_options(PhantomKind::Smooth);
+  scene.size = {64, 64, 1};
+  const Phantom<2> phantom = make_phantom<2>(scene);
+  RegistrationOptions options = default_options(Model::Auto, SimilarityType::Lncc, Preset::Fast);
+  options.optimisation.max_iterations = 1;
+  RegistrationInput<2> input;
+  input.fixed = phantom.fixed;
+  input.moving = phantom.moving;
+  const RegistrationResult<2> result = register_images<2>(input, options);
+  ASSERT_GT(result.summary.noise, 0.01);
+  const RegistrationOptions expected = resolved(options, 2, 1, 64, result.summary.noise);
+  ASSERT_EQ(result.options.momenta.kernel_widths.size(), 2u);
+  EXPECT_EQ(result.options.momenta.kernel_widths[1].weight, expected.momenta.kernel_widths[1].weight);
+  EXPECT_LT(result.options.momenta.kernel_widths[1].weight, 0.35);
+  EXPECT_DOUBLE_EQ(result.options.momenta.sparsity, expected.momenta.sparsity);
+  EXPECT_GT(result.options.momenta.sparsity, 1.25 * options.momenta.sparsity);
+
+  for (float& value : input.moving.samples) value *= 50;
+  const RegistrationResult<2> brighter = register_images<2>(input, options);
+  EXPECT_NEAR(brighter.summary.noise, result.summary.noise, 0.05 * result.summary.noise);
+}
+
 // Oracle: the angle of the scene's only interface, and model sliding, which knows no oriented momenta.
 TEST(AutoModel, OrientsMomentaWhereTheInterfaceIsOblique) {
   for (double degrees : {0.0, 45.0}) {
