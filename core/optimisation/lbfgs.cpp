@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <cmath>
 #include <deque>
+#include <tuple>
 
 namespace saltus {
 namespace {
@@ -20,11 +21,30 @@ double dot(const std::vector<T>& a, const std::vector<T>& b) {
 }
 
 template <class T>
-void add_scaled(double factor, const std::vector<T>& terms, std::vector<T>& sum) {
+void add_scaled(double factor, std::size_t count, const T* terms, T* sum) {
   const T f = static_cast<T>(factor);
-  const std::size_t count = sum.size();
 #pragma omp parallel for simd schedule(static)
   for (std::size_t i = 0; i < count; ++i) sum[i] += f * terms[i];
+}
+
+template <class T>
+void add_scaled(double factor, const std::vector<T>& terms, std::vector<T>& sum) {
+  add_scaled(factor, sum.size(), terms.data(), sum.data());
+}
+
+template <class T>
+void scale_by(T factor, std::vector<T>& values) {
+  const std::size_t count = values.size();
+#pragma omp parallel for simd schedule(static)
+  for (std::size_t i = 0; i < count; ++i) values[i] *= factor;
+}
+
+/// before = now - before
+template <class T>
+void make_change(const std::vector<T>& now, std::vector<T>& before) {
+  const std::size_t count = before.size();
+#pragma omp parallel for simd schedule(static)
+  for (std::size_t i = 0; i < count; ++i) before[i] = now[i] - before[i];
 }
 
 template <class T>
@@ -56,54 +76,104 @@ double sparsity_energy(const std::vector<GroupSparsity>& ranges, const std::vect
   return energy;
 }
 
-/// Turns gradients of the smooth part into the subgradients of least length of the whole.
+/// Turns the gradient of the smooth part into the subgradient of least length of the whole. Outside the ranges, where
+/// it is preconditioned by the objective, nothing changes.
 template <class T>
-void make_pseudo(const std::vector<GroupSparsity>& ranges, const std::vector<T>& x, std::vector<T>& gradient,
-                 std::vector<T>& preconditioned) {
+void make_pseudo(const std::vector<GroupSparsity>& ranges, const std::vector<T>& x, std::vector<T>& gradient) {
   for (const GroupSparsity& range : ranges)
     for_groups(range, [&](std::size_t at, double weight) {
       if (weight == 0) return;
       const double size = norm(x.data() + at, range.group);
       if (size > 0) {
-        for (int k = 0; k < range.group; ++k) {
-          const T turn = static_cast<T>(weight * x[at + k] / size);
-          gradient[at + k] += turn;
-          preconditioned[at + k] += static_cast<T>(range.inverse_stiffness) * turn;
-        }
+        for (int k = 0; k < range.group; ++k) gradient[at + k] += static_cast<T>(weight * x[at + k] / size);
         return;
       }
       const double pull = norm(gradient.data() + at, range.group);
       const T keep = static_cast<T>(pull > weight ? 1 - weight / pull : 0);
-      for (int k = 0; k < range.group; ++k) {
-        gradient[at + k] *= keep;
-        preconditioned[at + k] *= keep;
-      }
+      for (int k = 0; k < range.group; ++k) gradient[at + k] *= keep;
     });
 }
+
+/// P, the preconditioner: a number on each sparsity range; elsewhere what the objective has made of a vector, which
+/// comes with it as `dense` (see Objective::evaluate).
+class Preconditioner {
+ public:
+  Preconditioner(const std::vector<GroupSparsity>& ranges, std::size_t size) {
+    for (const GroupSparsity& range : ranges)
+      if (range.begin < range.end) pieces_.push_back({range.begin, range.end, 0, range.inverse_stiffness, true});
+    std::sort(pieces_.begin(), pieces_.end(), [](const Piece& a, const Piece& b) { return a.begin < b.begin; });
+    std::size_t at = 0;
+    for (std::size_t p = 0, ranged = pieces_.size(); p <= ranged; ++p) {
+      const std::size_t next = p < ranged ? pieces_[p].begin : size;
+      if (at < next) {
+        pieces_.push_back({at, next, dense_size_, 1, false});
+        dense_size_ += next - at;
+      }
+      if (p < ranged) at = pieces_[p].end;
+    }
+  }
+
+  /// Length of the vectors called `dense`.
+  std::size_t dense_size() const { return dense_size_; }
+
+  /// a . P b
+  template <class T>
+  double dot(const std::vector<T>& a, const std::vector<T>& b, const std::vector<T>& dense) const {
+    double sum = 0;
+    for (const Piece& piece : pieces_) {
+      const T *left = a.data() + piece.begin, *right = piece.values(b, dense);
+      sum += piece.factor * ordered_sum(piece.end - piece.begin, [&](std::size_t i) {
+               return static_cast<double>(left[i]) * static_cast<double>(right[i]);
+             });
+    }
+    return sum;
+  }
+
+  /// sum += factor P b
+  template <class T>
+  void add(double factor, const std::vector<T>& b, const std::vector<T>& dense, std::vector<T>& sum) const {
+    for (const Piece& piece : pieces_)
+      add_scaled(factor * piece.factor, piece.end - piece.begin, piece.values(b, dense), sum.data() + piece.begin);
+  }
+
+ private:
+  struct Piece {
+    std::size_t begin, end, at;  ///< `at`: where it begins in `dense`
+    double factor;
+    bool is_range;
+    template <class T>
+    const T* values(const std::vector<T>& b, const std::vector<T>& dense) const {
+      return is_range ? b.data() + begin : dense.data() + at;
+    }
+  };
+  std::vector<Piece> pieces_;
+  std::size_t dense_size_ = 0;
+};
 
 /// direction = -H pseudo-gradient by the two-loop recursion, with H_0 the scaled preconditioner. `remainder` is
 /// scratch.
 template <class T>
-void quasi_newton_direction(const std::deque<CurvaturePair<T>>& pairs, const std::vector<T>& gradient,
-                            const std::vector<T>& preconditioned, std::vector<T>& remainder,
-                            std::vector<T>& direction) {
+void quasi_newton_direction(const Preconditioner& preconditioner, const std::deque<CurvaturePair<T>>& pairs,
+                            const std::vector<T>& gradient, const std::vector<T>& preconditioned,
+                            std::vector<T>& remainder, std::vector<T>& direction) {
   std::vector<double> alpha(pairs.size());
   remainder = gradient;
-  direction = preconditioned;
+  direction.assign(gradient.size(), T(0));
+  preconditioner.add(1, gradient, preconditioned, direction);
   for (std::size_t k = pairs.size(); k-- > 0;) {
     alpha[k] = pairs[k].rho * dot(pairs[k].s, remainder);
     add_scaled(-alpha[k], pairs[k].y, remainder);
-    add_scaled(-alpha[k], pairs[k].y_preconditioned, direction);
+    preconditioner.add(-alpha[k], pairs[k].y, pairs[k].y_preconditioned, direction);
   }
   if (!pairs.empty()) {
     const CurvaturePair<T>& last = pairs.back();
-    const double curvature = dot(last.y, last.y_preconditioned);
+    const double curvature = preconditioner.dot(last.y, last.y, last.y_preconditioned);
     const T scale = static_cast<T>(curvature > 0 ? 1 / (last.rho * curvature) : 1);
-    for (T& value : direction) value *= scale;
+    scale_by(scale, direction);
   }
   for (std::size_t k = 0; k < pairs.size(); ++k)
     add_scaled(alpha[k] - pairs[k].rho * dot(pairs[k].y, direction), pairs[k].s, direction);
-  for (T& value : direction) value = -value;
+  scale_by(T(-1), direction);
 }
 
 /// Groups at zero move only where their own subgradient points.
@@ -142,14 +212,14 @@ template <class T>
 MinimiseSummary minimise(Objective<T>& objective, const MinimiseOptions& options, MinimiserState<T>& state,
                          const std::function<bool(const MinimiseStep&)>& accepted) {
   const std::vector<GroupSparsity>& ranges = objective.sparsity();
-  std::vector<T> next_gradient, next_preconditioned, direction, remainder, candidate, pseudo, pseudo_preconditioned;
-  CurvaturePair<T> pair;  // takes over the memory of the pair that it drives out
+  Preconditioner preconditioner(ranges, objective.size());
+  std::vector<T> next_gradient, next_preconditioned, direction, candidate, least;
   // Exactly as large as the objective wants: what it dropped must not stay allocated.
   const auto fit = [&] {
+    preconditioner = Preconditioner(ranges, objective.size());
     next_gradient = std::vector<T>(objective.size());
-    next_preconditioned = std::vector<T>(objective.size());
-    for (std::vector<T>* values : {&direction, &remainder, &candidate, &pseudo, &pseudo_preconditioned}) *values = {};
-    pair = {};
+    next_preconditioned = std::vector<T>(preconditioner.dense_size());
+    for (std::vector<T>* values : {&direction, &candidate, &least}) *values = {};
   };
   const std::deque<CurvaturePair<T>> no_pairs;
 
@@ -158,7 +228,8 @@ MinimiseSummary minimise(Objective<T>& objective, const MinimiseOptions& options
     Evaluation evaluation = objective.evaluate(at, g, p);
     sparse = sparsity_energy(ranges, at);
     evaluation.value += sparse;
-    evaluation.is_valid = evaluation.is_valid && std::isfinite(evaluation.value) && std::isfinite(dot(g, p));
+    evaluation.is_valid =
+        evaluation.is_valid && std::isfinite(evaluation.value) && std::isfinite(preconditioner.dot(g, g, p));
     return evaluation;
   };
   MinimiseSummary summary;
@@ -188,7 +259,7 @@ MinimiseSummary minimise(Objective<T>& objective, const MinimiseOptions& options
   if (!state.has_begun()) {
     objective.look_everywhere(true);
     state.gradient.resize(objective.size());
-    state.preconditioned.resize(objective.size());
+    state.preconditioned.resize(preconditioner.dense_size());
     double sparse_at_start = 0;
     const Evaluation start = total(state.x, state.gradient, state.preconditioned, sparse_at_start);
     if (!start.is_valid)
@@ -215,10 +286,12 @@ MinimiseSummary minimise(Objective<T>& objective, const MinimiseOptions& options
   for (;;) {
     const int done = state.iterations();
     const double energy = state.energies.back();
-    pseudo = state.gradient;
-    pseudo_preconditioned = state.preconditioned;
-    make_pseudo(ranges, state.x, pseudo, pseudo_preconditioned);
-    const double optimality = std::sqrt(std::max(0.0, dot(pseudo, pseudo_preconditioned)));
+    if (!ranges.empty()) {
+      least = state.gradient;
+      make_pseudo(ranges, state.x, least);
+    }
+    const std::vector<T>& pseudo = ranges.empty() ? state.gradient : least;
+    const double optimality = std::sqrt(std::max(0.0, preconditioner.dot(pseudo, pseudo, state.preconditioned)));
     if (done == 0) state.first_optimality = optimality;
     const double reference = options.optimality_reference > 0 ? options.optimality_reference : state.first_optimality;
     summary.optimality = reference > 0 ? optimality / reference : 0;
@@ -254,7 +327,7 @@ MinimiseSummary minimise(Objective<T>& objective, const MinimiseOptions& options
         has_forgotten = true;  // the model of the curvature was wrong: start again from steepest descent
       }
       const std::deque<CurvaturePair<T>>& pairs = has_forgotten ? no_pairs : state.pairs;
-      quasi_newton_direction(pairs, pseudo, pseudo_preconditioned, remainder, direction);
+      quasi_newton_direction(preconditioner, pairs, pseudo, state.preconditioned, candidate, direction);
       align(ranges, state.x, pseudo, direction);
       if (!(dot(pseudo, direction) < 0)) continue;
       step = pairs.empty() ? objective.first_step(direction) : 1.0;
@@ -285,14 +358,18 @@ MinimiseSummary minimise(Objective<T>& objective, const MinimiseOptions& options
       return ended(MinimiseTermination::LineSearchFailed);
     }
 
-    pair.s = candidate;
-    pair.y = next_gradient;
-    pair.y_preconditioned = next_preconditioned;
-    add_scaled(-1, state.x, pair.s);
-    add_scaled(-1, state.gradient, pair.y);
-    add_scaled(-1, state.preconditioned, pair.y_preconditioned);
+    // The state moves on to the new point, and the vectors of the old one become the changes.
+    CurvaturePair<T> pair;
+    for (const auto& [now, before, change] :
+         {std::tie(candidate, state.x, pair.s), std::tie(next_gradient, state.gradient, pair.y),
+          std::tie(next_preconditioned, state.preconditioned, pair.y_preconditioned)}) {
+      change = std::move(before);
+      make_change(now, change);
+      before = std::move(now);
+    }
     if (has_forgotten) state.pairs.clear();
-    const double curvature = dot(pair.s, pair.y), size = dot(pair.y, pair.y_preconditioned);
+    const double curvature = dot(pair.s, pair.y),
+                 size = preconditioner.dot(pair.y, pair.y, pair.y_preconditioned);
     if (curvature > 1e-8 * std::abs(size) && size > 0) {
       pair.rho = 1 / curvature;
       state.pairs.push_back(std::move(pair));
@@ -302,9 +379,12 @@ MinimiseSummary minimise(Objective<T>& objective, const MinimiseOptions& options
         state.pairs.pop_front();
       }
     }
-    std::swap(state.x, candidate);
-    std::swap(state.gradient, next_gradient);
-    std::swap(state.preconditioned, next_preconditioned);
+    // Those of a pair that is not kept, or of the one that it drove out, take the next step.
+    candidate = std::move(pair.s);
+    next_gradient = std::move(pair.y);
+    next_preconditioned = std::move(pair.y_preconditioned);
+    next_gradient.resize(state.gradient.size());
+    next_preconditioned.resize(state.preconditioned.size());
     state.energies.push_back(next_energy);
     sparse = next_sparse;
     if (is_look ? revise_after_look(done + 1) : objective.revise(state)) fit();

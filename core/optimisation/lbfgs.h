@@ -44,7 +44,8 @@ struct MinimiseSummary {
   double first_optimality = 0;  ///< residual at the start, absolute
 };
 
-/// A step s and the change y of the gradient along it, with y preconditioned and 1 / (s . y).
+/// A step s and the change y of the gradient along it, with 1 / (s . y) and, as far as Objective::evaluate gives that,
+/// y preconditioned.
 template <class T>
 struct CurvaturePair {
   std::vector<T> s, y, y_preconditioned;
@@ -52,14 +53,15 @@ struct CurvaturePair {
 };
 
 /// Where a minimisation stands after an accepted step, or, with x alone, before it begins: all that it needs to go on
-/// as if it had never been interrupted, bit by bit. Memory: 3 + 3 * history vectors of the size of x.
+/// as if it had never been interrupted, bit by bit. Memory: 2 + 2 * history vectors of the size of x, 1 + history of what
+/// lies outside the sparsity ranges; while it minimises, 4 more of the first and one of the second.
 template <class T>
 struct MinimiserState {
   MinimiserState() = default;
   explicit MinimiserState(std::vector<T> start) : x(std::move(start)) {}
 
   std::vector<T> x;
-  std::vector<T> gradient, preconditioned;  ///< of the smooth part at x
+  std::vector<T> gradient, preconditioned;  ///< of the smooth part at x, see Objective::evaluate
   std::deque<CurvaturePair<T>> pairs;       ///< oldest first
   std::vector<double> energies;             ///< at the start and after each accepted step; empty before the start
   double first_optimality = 0;              ///< residual at the start, absolute

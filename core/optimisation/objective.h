@@ -16,7 +16,7 @@ struct GroupSparsity {
   std::size_t begin = 0, end = 0;
   int group = 1;
   double weight = 0;
-  double inverse_stiffness = 1;  ///< the preconditioner on this range: preconditioned = inverse_stiffness * gradient
+  double inverse_stiffness = 1;  ///< the preconditioner on this range
   std::vector<float> factors;    ///< one for each group; empty: 1 each. 0 leaves a group free, infinity keeps it at 0
 
   double weight_of(std::size_t index) const { return factors.empty() ? weight : weight * factors[index]; }
@@ -32,7 +32,9 @@ class Objective {
   virtual ~Objective() = default;
   virtual std::size_t size() const = 0;
 
-  /// Value, gradient, and the gradient times a fixed positive definite approximation of the inverse Hessian.
+  /// Value, gradient, and the gradient times a fixed positive definite approximation P of the inverse Hessian: of the
+  /// unknowns outside the ranges of sparsity() alone, in their order. On a range P is its inverse stiffness. All vectors
+  /// come in the right size.
   virtual Evaluation evaluate(const std::vector<T>& x, std::vector<T>& gradient, std::vector<T>& preconditioned) = 0;
 
   /// Length of a sensible first step along `direction`.

@@ -4,7 +4,10 @@
 #include "core/support/errors.h"
 #include "core/support/fingerprint.h"
 
+#include <algorithm>
 #include <cstring>
+#include <istream>
+#include <ostream>
 #include <type_traits>
 
 namespace saltus {
@@ -12,7 +15,7 @@ namespace {
 
 constexpr char kMagic[8] = {'S', 'A', 'L', 'T', 'U', 'S', 'C', 'P'};
 /// To be raised with every change of what is stored or of what is computed from it.
-constexpr std::uint32_t kVersion = 13;
+constexpr std::uint32_t kVersion = 14;
 
 struct Header {
   char magic[8];
@@ -22,27 +25,25 @@ struct Header {
 };
 static_assert(std::is_trivially_copyable_v<Header> && sizeof(Header) == 40);
 
-std::uint64_t checksum(std::string_view bytes) {
-  Fingerprint fingerprint;
-  fingerprint.add_bytes(bytes.data(), bytes.size());
-  return fingerprint.value();
-}
-
+/// Passes every value on as bytes, lists after the number of what they hold.
+template <class Take>
 class Writer {
  public:
+  explicit Writer(Take take) : take_(std::move(take)) {}
+
   template <class T>
   requires(std::is_arithmetic_v<T> || std::is_enum_v<T>) void operator()(const T& value) {
-    bytes.append(reinterpret_cast<const char*>(&value), sizeof value);
+    take_(&value, sizeof value);
   }
   template <class T>
   requires std::is_arithmetic_v<T>
   void operator()(const std::vector<T>& values) {
     (*this)(static_cast<std::uint64_t>(values.size()));
-    bytes.append(reinterpret_cast<const char*>(values.data()), values.size() * sizeof(T));
+    take_(values.data(), values.size() * sizeof(T));
   }
   void operator()(const std::string& text) {
     (*this)(static_cast<std::uint64_t>(text.size()));
-    bytes += text;
+    take_(text.data(), text.size());
   }
   template <class List, class Each>
   void list(const List& values, Each&& each) {
@@ -50,30 +51,18 @@ class Writer {
     for (const auto& value : values) each(*this, value);
   }
 
-  std::string bytes;
+ private:
+  Take take_;
 };
 
-/// How many bytes a Writer would write.
-class Counter {
- public:
-  template <class T>
-  requires(std::is_arithmetic_v<T> || std::is_enum_v<T>) void operator()(const T& value) { size += sizeof value; }
-  template <class T>
-  requires std::is_arithmetic_v<T>
-  void operator()(const std::vector<T>& values) { size += sizeof(std::uint64_t) + values.size() * sizeof(T); }
-  void operator()(const std::string& text) { size += sizeof(std::uint64_t) + text.size(); }
-  template <class List, class Each>
-  void list(const List& values, Each&& each) {
-    size += sizeof(std::uint64_t);
-    for (const auto& value : values) each(*this, value);
-  }
+[[noreturn]] void damaged(const std::string& what) {
+  throw InvalidInput("the checkpoint is damaged, " + what + "; start again without it");
+}
 
-  std::size_t size = 0;
-};
-
+/// The opposite, of a body of known size.
 class Reader {
  public:
-  explicit Reader(std::string_view bytes) : bytes_(bytes) {}
+  Reader(std::istream& in, std::uint64_t size) : in_(in), left_(size) {}
 
   template <class T>
   requires(std::is_arithmetic_v<T> || std::is_enum_v<T>) void operator()(T& value) { copy(&value, 1); }
@@ -92,29 +81,40 @@ class Reader {
     values.resize(count(1));
     for (auto& value : values) each(*this, value);
   }
-  bool is_at_end() const { return bytes_.empty(); }
+  bool is_at_end() const { return left_ == 0; }
 
  private:
   /// A number of things of which each takes at least `size` bytes.
   std::size_t count(std::size_t size) {
     std::uint64_t found = 0;
     (*this)(found);
-    if (found > bytes_.size() / size) damaged();
+    if (found > left_ / size) damaged("what it holds does not fit together");
     return static_cast<std::size_t>(found);
   }
   template <class T>
   void copy(T* to, std::size_t values) {
     const std::size_t size = values * sizeof(T);
-    if (size > bytes_.size()) damaged();
-    if (size > 0) std::memcpy(to, bytes_.data(), size);
-    bytes_.remove_prefix(size);
-  }
-  [[noreturn]] static void damaged() {
-    throw InvalidInput("the checkpoint is damaged, what it holds does not fit together; start again without it");
+    if (size > left_) damaged("what it holds does not fit together");
+    if (!in_.read(reinterpret_cast<char*>(to), static_cast<std::streamsize>(size))) damaged("it cannot be read");
+    left_ -= size;
   }
 
-  std::string_view bytes_;
+  std::istream& in_;
+  std::uint64_t left_;
 };
+
+/// Of `size` bytes from where the stream stands.
+std::uint64_t checksum(std::istream& in, std::uint64_t size) {
+  Fingerprint fingerprint;
+  std::vector<char> piece(1 << 16);
+  while (size > 0) {
+    const auto length = static_cast<std::size_t>(std::min<std::uint64_t>(size, piece.size()));
+    if (!in.read(piece.data(), static_cast<std::streamsize>(length))) damaged("it cannot be read");
+    fingerprint.add_bytes(piece.data(), length);
+    size -= length;
+  }
+  return fingerprint.value();
+}
 
 template <class Stream, class Level>
 void transfer_level(Stream& stream, Level& level) {
@@ -229,52 +229,54 @@ std::uint64_t job_fingerprint(const RegistrationInput<Dim>& input, const Registr
   return fingerprint.value();
 }
 
-std::string encode(const Checkpoint& checkpoint, std::uint64_t job) {
-  // A large one is as large as all else that the optimiser has: a text that grows would hold it twice.
-  Counter counter;
-  transfer(counter, checkpoint);
-  Writer writer;
-  writer.bytes.reserve(sizeof(Header) + counter.size);
-  writer.bytes.resize(sizeof(Header));
-  transfer(writer, checkpoint);
+void encode(const Checkpoint& checkpoint, std::uint64_t job, std::ostream& out) {
   Header header{};
   std::memcpy(header.magic, kMagic, sizeof kMagic);
   header.version = kVersion;
   header.job = job;
-  const std::string_view body = std::string_view(writer.bytes).substr(sizeof header);
-  header.size = body.size();
-  header.checksum = checksum(body);
-  std::memcpy(writer.bytes.data(), &header, sizeof header);
-  return std::move(writer.bytes);
+  Fingerprint fingerprint;
+  Writer count([&](const void* data, std::size_t size) {
+    header.size += size;
+    fingerprint.add_bytes(data, size);
+  });
+  transfer(count, checkpoint);
+  header.checksum = fingerprint.value();
+  Writer write(
+      [&out](const void* data, std::size_t size) { out.write(static_cast<const char*>(data), std::streamsize(size)); });
+  out.write(reinterpret_cast<const char*>(&header), sizeof header);
+  transfer(write, checkpoint);
 }
 
-Checkpoint decode(std::string_view blob, std::uint64_t job) {
+Checkpoint decode(std::istream& in, std::uint64_t job) {
+  in.seekg(0, std::ios::end);
+  const auto length = static_cast<std::uint64_t>(std::max<std::streamoff>(0, in.tellg()));
+  in.seekg(0);
   Header header;
-  if (blob.size() < sizeof header)
-    throw InvalidInput("the checkpoint has " + std::to_string(blob.size()) +
-                       " bytes, which is less than its header of " + std::to_string(sizeof header) +
-                       "; start again without it");
-  std::memcpy(&header, blob.data(), sizeof header);
-  const std::string_view body = blob.substr(sizeof header);
+  if (length < sizeof header)
+    throw InvalidInput("the checkpoint has " + std::to_string(length) + " bytes, which is less than its header of " +
+                       std::to_string(sizeof header) + "; start again without it");
+  if (!in.read(reinterpret_cast<char*>(&header), sizeof header)) damaged("it cannot be read");
+  const std::uint64_t size = length - sizeof header;
   if (std::memcmp(header.magic, kMagic, sizeof kMagic) != 0)
     throw InvalidInput("the checkpoint is not one that register_images made; start again without it");
   if (header.version != kVersion)
     throw InvalidInput("the checkpoint has version " + std::to_string(header.version) + " and this program reads " +
                        std::to_string(kVersion) + "; start again without it");
-  if (header.size != body.size())
-    throw InvalidInput("the checkpoint is cut off, it has " + std::to_string(body.size()) + " of " +
+  if (header.size != size)
+    throw InvalidInput("the checkpoint is cut off, it has " + std::to_string(size) + " of " +
                        std::to_string(header.size) + " bytes; start again without it");
-  if (header.checksum != checksum(body))
-    throw InvalidInput("the checkpoint is damaged, its checksum does not match; start again without it");
+  // Before anything is believed of what it holds.
+  if (header.checksum != checksum(in, size)) damaged("its checksum does not match");
   if (header.job != job)
     throw InvalidInput(
         "the checkpoint belongs to another registration; give the images and options that it was made with, or start "
         "again without it");
+  in.seekg(sizeof header);
   Checkpoint checkpoint;
-  Reader reader(body);
+  Reader reader(in, size);
   transfer(reader, checkpoint);
   if (!reader.is_at_end())
-    throw InvalidInput("the checkpoint is damaged, it holds more than it should; start again without it");
+    damaged("it holds more than it should");
   return checkpoint;
 }
 

@@ -6,16 +6,20 @@
 
 #include <cstdint>
 #include <functional>
-#include <string>
-#include <string_view>
+#include <iosfwd>
+#include <memory>
 
 namespace saltus {
 
 template <int Dim>
 struct RegistrationInput;
 
-/// Makes the checkpoint of the step that was just accepted, a blob to be kept as it is.
-using MakeCheckpoint = std::function<std::string()>;
+/// Writes the checkpoint of the step that was just accepted, bytes to be kept as they are. Nothing of it is held in
+/// memory twice. Whether the stream has taken it all is the caller's to ask.
+using MakeCheckpoint = std::function<void(std::ostream&)>;
+
+/// Opens a checkpoint to be read once. The stream has to be able to seek.
+using OpenCheckpoint = std::function<std::unique_ptr<std::istream>()>;
 
 /// Offered after each accepted step, from the thread that called register_images; `make` may be called in there only.
 /// What it makes is as large as MinimiserState says.
@@ -23,7 +27,7 @@ using CheckpointCallback = std::function<void(const Progress&, const MakeCheckpo
 
 /// How a registration can be interrupted and taken up again.
 struct Checkpointing {
-  std::string resume;        ///< a checkpoint of an earlier run of the same job; empty: from the beginning
+  OpenCheckpoint resume;     ///< a checkpoint of an earlier run of the same job; empty: from the beginning
   CheckpointCallback offer;  ///< may be empty
 };
 
@@ -48,10 +52,11 @@ struct Checkpoint {
 template <int Dim>
 std::uint64_t job_fingerprint(const RegistrationInput<Dim>& input, const RegistrationOptions& resolved);
 
-/// A blob with a version, a checksum and the job's fingerprint, for machines of the same byte order.
-std::string encode(const Checkpoint& checkpoint, std::uint64_t job);
+/// With a version, a checksum and the job's fingerprint, for machines of the same byte order.
+void encode(const Checkpoint& checkpoint, std::uint64_t job, std::ostream& out);
 
-/// Throws InvalidInput that says so when the blob is none of ours, of another version, damaged, or of another job.
-Checkpoint decode(std::string_view blob, std::uint64_t job);
+/// Throws InvalidInput that says so when what is in the stream is none of ours, of another version, damaged, or of
+/// another job.
+Checkpoint decode(std::istream& in, std::uint64_t job);
 
 }  // namespace saltus

@@ -1,6 +1,5 @@
 #include "core/registration/image_pyramid.h"
 
-#include "core/grid/intensity_range.h"
 #include "core/grid/noise.h"
 #include "core/grid/pyramid.h"
 #include "core/registration/finish.h"
@@ -15,18 +14,13 @@ namespace {
 /// What linear interpolation may take from the noise, standard deviation in units of the scaled intensities.
 constexpr double kLostNoise = 0.0075;
 
-/// Maps `range` to [0,1]; a range of width 0 to its difference from the lower end. Nothing is clipped.
-std::vector<float> scaled(const IntensityRange& range, const std::vector<float>& samples) {
-  const double factor = range.width() > 0 ? 1 / range.width() : 1;
-  std::vector<float> result(samples.size());
-  std::transform(samples.begin(), samples.end(), result.begin(),
-                 [&](float v) { return static_cast<float>((v - range.low) * factor); });
-  return result;
-}
-
-std::vector<float> binary(const std::vector<float>& mask) {
-  std::vector<float> weights(mask.size());
-  std::transform(mask.begin(), mask.end(), weights.begin(), [](float v) { return v > 0 ? float(1) : float(0); });
+/// 1 where the mask shows something; empty without a mask.
+template <int Dim>
+std::vector<float> binary(const std::optional<Volume<Dim>>& mask) {
+  if (!mask) return {};
+  std::vector<float> weights(mask->samples.size());
+  std::transform(mask->samples.begin(), mask->samples.end(), weights.begin(),
+                 [](float v) { return v > 0 ? float(1) : float(0); });
   return weights;
 }
 
@@ -72,27 +66,34 @@ ImagePyramid<Dim>::ImagePyramid(const RegistrationInput<Dim>& input, const Regis
       fixed_lattice_(lattice_of(input.fixed.grid)),
       moving_lattice_(lattice_of(input.moving.grid)),
       to_moving_(frame_to_index(input)) {
-  const std::vector<float> fixed_weights = input.fixed_mask ? binary(input.fixed_mask->samples) : std::vector<float>{};
-  const std::vector<float> moving_weights =
-      input.moving_mask ? binary(input.moving_mask->samples) : std::vector<float>{};
-  const IntensityRange range = intensity_range(input.fixed.samples.size(), input.fixed.samples.data(),
-                                               fixed_weights.empty() ? nullptr : fixed_weights.data());
-  fixed_ = scaled(range, input.fixed.samples);
-  moving_ = scaled(range, input.moving.samples);
-  if (input.fixed_mask) hide(fixed_weights, fixed_);
-  if (input.moving_mask) hide(moving_weights, moving_);
+  const std::vector<float> fixed_weights = binary(input.fixed_mask);
+  range_ = intensity_range(input.fixed.samples.size(), input.fixed.samples.data(),
+                           fixed_weights.empty() ? nullptr : fixed_weights.data());
   noise_ = options.similarity_parameters.noise;
   if (noise_ >= 0) return;
+  const double fixed_variance = noise_variance(fixed_lattice_, scaled(input.fixed, fixed_weights), fixed_weights);
+  const std::vector<float> moving_weights = binary(input.moving_mask), moving = scaled(input.moving, moving_weights);
   // Only ssd compares intensities; for the others each image's noise is a share of its own range.
   double moving_range = 1;
   if (options.similarity != SimilarityType::Ssd)
     moving_range =
-        intensity_range(moving_.size(), moving_.data(), moving_weights.empty() ? nullptr : moving_weights.data())
-            .width();
+        intensity_range(moving.size(), moving.data(), moving_weights.empty() ? nullptr : moving_weights.data()).width();
   if (!(moving_range > 0)) moving_range = 1;
-  noise_ = std::sqrt((noise_variance(fixed_lattice_, fixed_, fixed_weights) +
-                      noise_variance(moving_lattice_, moving_, moving_weights) / (moving_range * moving_range)) /
-                     2);
+  const double moving_variance =
+      noise_variance(moving_lattice_, moving, moving_weights) / (moving_range * moving_range);
+  noise_ = std::sqrt((fixed_variance + moving_variance) / 2);
+}
+
+/// Maps the fixed image's range to [0,1], one of width 0 to its difference from the lower end; what a mask hides is
+/// hidden.
+template <int Dim>
+std::vector<float> ImagePyramid<Dim>::scaled(const Volume<Dim>& image, const std::vector<float>& weights) const {
+  const double factor = range_.width() > 0 ? 1 / range_.width() : 1;
+  std::vector<float> result(image.samples.size());
+  std::transform(image.samples.begin(), image.samples.end(), result.begin(),
+                 [&](float v) { return static_cast<float>((v - range_.low) * factor); });
+  if (!weights.empty()) hide(weights, result);
+  return result;
 }
 
 template <int Dim>
@@ -138,14 +139,12 @@ template <int Dim>
 MatchingLevel<Dim, float> ImagePyramid<Dim>::make_level(int level, double smoothing) const {
   MatchingLevel<Dim, float> made;
   made.lattice = level_lattice(fixed_lattice_, level);
-  const std::vector<float> fixed_weights =
-      input_.fixed_mask ? binary(input_.fixed_mask->samples) : std::vector<float>{};
-  made.fixed = reduced(fixed_lattice_, fixed_, fixed_weights, made.lattice, smoothing);
+  const std::vector<float> fixed_weights = binary(input_.fixed_mask), moving_weights = binary(input_.moving_mask);
+  made.fixed =
+      reduced(fixed_lattice_, scaled(input_.fixed, fixed_weights), fixed_weights, made.lattice, smoothing);
   const double reference = *std::min_element(fixed_lattice_.spacing.begin(), fixed_lattice_.spacing.end());
   const Lattice<Dim> moving = level == 0 ? moving_lattice_ : coarsened(moving_lattice_, std::ldexp(reference, level));
-  const std::vector<float> moving_weights =
-      input_.moving_mask ? binary(input_.moving_mask->samples) : std::vector<float>{};
-  made.moving = framed(moving_, moving_weights, smoothing, moving);
+  made.moving = framed(scaled(input_.moving, moving_weights), moving_weights, smoothing, moving);
   if (input_.fixed_mask) made.fixed_weights = downsampled(fixed_lattice_, fixed_weights, made.lattice);
   if (input_.moving_mask) made.moving_weights = framed(moving_weights, {}, 0, moving);
   made.similarity_weight = similarity_weight(level);

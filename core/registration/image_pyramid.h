@@ -1,5 +1,6 @@
 #pragma once
 
+#include "core/grid/intensity_range.h"
 #include "core/registration/matching_objective.h"
 #include "core/registration/register_images.h"
 
@@ -9,7 +10,8 @@ namespace saltus {
 
 /// The images of a registration with their masks, and the levels of the pyramid made from them. Intensities are scaled
 /// so that the fixed image's 1st to 99th percentile (of what its mask shows) is [0,1], both images alike: weights then
-/// mean the same for every scanner. Nothing is clipped.
+/// mean the same for every scanner. Nothing is clipped. Levels are made from the input each time; no copy of the images is
+/// kept.
 template <int Dim>
 class ImagePyramid {
  public:
@@ -38,6 +40,7 @@ class ImagePyramid {
   double level_noise(int level) const;
   double share_beside_noise(int level) const;
   MatchingLevel<Dim, float> make_level(int level, double smoothing) const;
+  std::vector<float> scaled(const Volume<Dim>& image, const std::vector<float>& weights) const;
   FramedImage<Dim, float> framed(const std::vector<float>& samples, const std::vector<float>& weights, double smoothing,
                                  const Lattice<Dim>& lattice) const;
 
@@ -45,7 +48,7 @@ class ImagePyramid {
   const RegistrationOptions& options_;
   Lattice<Dim> fixed_lattice_, moving_lattice_;
   AffineMap<Dim> to_moving_;
-  std::vector<float> fixed_, moving_;
+  IntensityRange range_;  ///< of the fixed image
   double noise_ = 0;
 };
 

@@ -65,8 +65,8 @@ Evaluation MatchingObjective<Dim, T>::evaluate(const std::vector<T>& x, std::vec
   const std::vector<MomentumPointers<T>> momenta = set_.evaluated(x);
   std::fill(gradient.begin(), gradient.end(), T(0));
   std::fill(preconditioned.begin(), preconditioned.end(), T(0));
-  const std::vector<MomentumTargets<T>> gradients = set_.targets(gradient, true),
-                                        scaled = set_.targets(preconditioned, false);
+  const std::vector<MomentumTargets<T>> gradients = set_.targets(gradient),
+                                        scaled = set_.dense_targets(preconditioned);
 
   // The penalty's gradient is a V K m, so its preconditioned form is m itself.
   parts_ = {};
@@ -116,7 +116,7 @@ Evaluation MatchingObjective<Dim, T>::evaluate(const std::vector<T>& x, std::vec
   if (!to_level_.is_identity()) to_level_.transpose(on_level_.data(), map_dual_.data());
   map_.adjoint(shooting_.velocities(), to_level_.is_identity() ? on_level_ : map_dual_, velocity_duals_);
   shooting_.adjoint(momenta, velocity_duals_, gradients, scaled);
-  set_.finish_gradient(gradient, preconditioned);
+  set_.finish_gradient(gradient);
   const double energy = parts_.similarity + parts_.regularisation;
   return {energy, std::isfinite(energy)};
 }
@@ -124,7 +124,7 @@ Evaluation MatchingObjective<Dim, T>::evaluate(const std::vector<T>& x, std::vec
 template <int Dim, class T>
 FirstOrderPromise MatchingObjective<Dim, T>::first_order_promise(const std::vector<T>& x) {
   set_.look_everywhere(true);
-  std::vector<T> gradient(size()), preconditioned(size());
+  std::vector<T> gradient(size()), preconditioned(set_.dense_size());
   evaluate(x, gradient, preconditioned);
   return set_.promise(gradient, parts_.similarity);
 }

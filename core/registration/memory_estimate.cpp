@@ -28,7 +28,7 @@ std::size_t memory_estimate(const ImageGrid<Dim>& fixed, const ImageGrid<Dim>& m
     if (smooth && coarsening > 0) bytes += level * 0.75 * vector + flow * vector;  // on the way between the lattices
     bytes += flow * (2 * nodes * vector                                            // velocities and their duals
                      + (nodes + 4) * vector);                                      // map and its adjoint's work
-    double unknowns = 0;
+    double unknowns = 0, dense = 0;  // momenta, and those of order 0
     // Once for each lattice: where its sites are, with their duals. Then for each scale its momenta.
     const auto add_lattice = [&](double sites) {
       bytes += sites * (2 * steps + 5) * vector;
@@ -42,6 +42,7 @@ std::size_t memory_estimate(const ImageGrid<Dim>& fixed, const ImageGrid<Dim>& m
     for (int q = m.finest_scale; q < m.finest_scale + m.scales; ++q) {
       const double sites = sites_of(shares && is_first_at(q) ? q : q + coarsening);
       unknowns += Dim * sites;
+      dense += Dim * sites;
       add_lattice(sites);
       bytes += sites * (m.kernel_widths.size() > 1 ? 6 : 5) * vector;  // momentum, velocity, those of the passes
     }
@@ -57,9 +58,8 @@ std::size_t memory_estimate(const ImageGrid<Dim>& fixed, const ImageGrid<Dim>& m
       // Oriented momenta: normals and scratch at all sites, weights (and those before them) for all elements.
       if (m.orientations > 0) bytes += sites * (3 * vector + 2 * m.orientations * scalar);
     }
-    // L-BFGS: three vectors a pair, ten of its own. A checkpoint, where one is asked for, holds most of that once more.
-    bytes += unknowns * scalar * (3 * options.optimisation.history + 11);
-    bytes += unknowns * scalar * (3 * options.optimisation.history + 3);
+    // L-BFGS, see MinimiserState, and one vector on its way while momenta join; a checkpoint goes straight to a file.
+    bytes += scalar * (unknowns * (2 * options.optimisation.history + 7) + dense * (options.optimisation.history + 2));
     return bytes;
   };
   const bool has_first = m.first_order_scales > 0;
@@ -70,7 +70,7 @@ std::size_t memory_estimate(const ImageGrid<Dim>& fixed, const ImageGrid<Dim>& m
   const double flow = sites_of(has_first ? finest : finest + coarsening);
   const double end_bytes =
       full * (3 * vector + 8 * scalar + similarity) + full_moving * (vector + 8 + 2 * scalar) + flow * nodes * vector;
-  const double input_bytes = 3 * scalar * (full + full_moving);
+  const double input_bytes = scalar * (full + full_moving);
   return static_cast<std::size_t>(input_bytes + std::max(level_bytes, end_bytes)) + (64u << 20);
 }
 

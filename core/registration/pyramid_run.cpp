@@ -5,6 +5,7 @@
 #include "core/support/thread_count.h"
 
 #include <algorithm>
+#include <istream>
 
 namespace saltus {
 namespace {
@@ -57,10 +58,10 @@ PyramidRun<Dim>::PyramidRun(const RegistrationInput<Dim>& input, const Registrat
   // Where first orders have to be worth it, most levels end after the round without them.
   for (int level : levels_) meter_.plan_step(planned_work(level, options_.momenta.first_order_gain <= 0));
 
-  if (checkpointing.offer || !checkpointing.resume.empty())
+  if (checkpointing.offer || checkpointing.resume)
     job_ = job_fingerprint(input, resolved(asked, pyramid_.fixed_lattice()));
-  if (checkpointing.resume.empty()) return;
-  reached_ = decode(checkpointing.resume, job_);
+  if (!checkpointing.resume) return;
+  reached_ = decode(*checkpointing.resume(), job_);
   if (reached_.step < 0 || reached_.step >= static_cast<int>(levels_.size()) || !reached_.minimiser.has_begun() ||
       reached_.history.empty() || reached_.level.rounds < 1)
     throw InvalidInput("the checkpoint is damaged, it is of no step of this registration; start again without it");
@@ -324,7 +325,7 @@ bool PyramidRun<Dim>::accept(const MinimiseStep& taken) {
   now_.similarity = parts.similarity;
   if (checkpointing_.offer) {
     now_.fraction = std::min(0.99, meter_.fraction());
-    checkpointing_.offer(now_, [this] { return make_checkpoint(); });
+    checkpointing_.offer(now_, [this](std::ostream& out) { make_checkpoint(out); });
   }
   return report();
 }
@@ -354,7 +355,7 @@ void PyramidRun<Dim>::count_work(double share) {
 }
 
 template <int Dim>
-std::string PyramidRun<Dim>::make_checkpoint() {
+void PyramidRun<Dim>::make_checkpoint(std::ostream& out) {
   reached_.step = static_cast<int>(step_);
   reached_.level = level_;
   count_level_time(reached_.level);
@@ -367,7 +368,10 @@ std::string PyramidRun<Dim>::make_checkpoint() {
   reached_.history = summary_.history;
   reached_.seconds = seconds_before_ + whole_.seconds();
   reached_.cpu_seconds = cpu_seconds_before_ + whole_.cpu_seconds();
-  return encode(reached_, job_);
+  encode(reached_, job_, out);
+  // Copies of what the objective has; the next one takes them anew.
+  reached_.sparsity_factors.clear();
+  reached_.turned_normals.clear();
 }
 
 template <int Dim>

@@ -64,7 +64,7 @@ class PyramidRun {
   bool accept(const MinimiseStep& taken);
   void expect_of_level();
   void count_work(double share);
-  std::string make_checkpoint();
+  void make_checkpoint(std::ostream& out);
   void count_level_time(LevelSummary& at) const;
 
   RegistrationOptions options_;

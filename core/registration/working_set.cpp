@@ -177,14 +177,34 @@ ActiveBlocks<Dim> WorkingSet<Dim, T>::blocks() const {
 }
 
 template <int Dim, class T>
-std::vector<MomentumTargets<T>> WorkingSet<Dim, T>::targets(std::vector<T>& gradient, bool with_first) {
+std::size_t WorkingSet<Dim, T>::dense_size() const {
+  std::size_t size = 0;
+  for (const MomentumScale<Dim, T>* scale : scales_)
+    if (has_zeroth(scale->options().orders)) size += scale->field_size();
+  return size;
+}
+
+template <int Dim, class T>
+std::vector<MomentumTargets<T>> WorkingSet<Dim, T>::dense_targets(std::vector<T>& preconditioned) const {
+  std::vector<MomentumTargets<T>> all(scales_.size());
+  T* next = preconditioned.data();
+  for (std::size_t s = 0; s < scales_.size(); ++s)
+    if (has_zeroth(scales_[s]->options().orders)) {
+      all[s].zeroth = next;
+      next += scales_[s]->field_size();
+    }
+  return all;
+}
+
+template <int Dim, class T>
+std::vector<MomentumTargets<T>> WorkingSet<Dim, T>::targets(std::vector<T>& gradient) {
   std::vector<MomentumTargets<T>> all(scales_.size());
   for (std::size_t s = 0; s < scales_.size(); ++s) {
     if (has_zeroth(scales_[s]->options().orders)) all[s].zeroth = gradient.data() + zeroth_at_[s];
-    if (oriented_[s].momenta && with_first)
+    if (oriented_[s].momenta)
       all[s].oriented = oriented_[s].listed.empty() ? gradient.data() + sparsity_[oriented_[s].range].begin
                                                     : oriented_[s].gradient.data();
-    if (first_[s].fields == 0 || !with_first) continue;
+    if (first_[s].fields == 0) continue;
     all[s].first = first_[s].along ? first_[s].spread_gradient.data() : gradient_at_all_sites(s, gradient);
   }
   return all;
@@ -200,16 +220,9 @@ void WorkingSet<Dim, T>::drop_normal_components(const FirstOrder& first, std::si
     for (std::size_t i = axis; i < field_size; i += Dim) values[axis * field_size + i] = 0;
 }
 
+/// Brings the order-1 gradients from where `targets` had them made to x's layout.
 template <int Dim, class T>
-void WorkingSet<Dim, T>::precondition(const GroupSparsity& range, const std::vector<T>& gradient,
-                                      std::vector<T>& preconditioned) const {
-  const T factor = static_cast<T>(range.inverse_stiffness);
-  for (std::size_t i = range.begin; i < range.end; ++i) preconditioned[i] = factor * gradient[i];
-}
-
-/// Brings the order-1 gradients from where `targets` had them made to x's layout, and preconditions them.
-template <int Dim, class T>
-void WorkingSet<Dim, T>::finish_gradient(std::vector<T>& gradient, std::vector<T>& preconditioned) {
+void WorkingSet<Dim, T>::finish_gradient(std::vector<T>& gradient) {
   for (std::size_t s = 0; s < scales_.size(); ++s) {
     const FirstOrder& first = first_[s];
     if (first.fields == 0) continue;
@@ -218,18 +231,15 @@ void WorkingSet<Dim, T>::finish_gradient(std::vector<T>& gradient, std::vector<T
     if (first.along) first.along->contract(first.spread_gradient.data(), all);
     if (shear_only_) drop_normal_components(first, count, all);
     for (int field = 0; field < first.fields; ++field) {
-      const GroupSparsity& range = sparsity_[first.range + field];
-      if (!has_all_blocks(first))
-        blocks_[first.range + field].gather(Dim, all + field * count, gradient.data() + range.begin);
-      precondition(range, gradient, preconditioned);
+      if (has_all_blocks(first)) continue;
+      const std::size_t r = first.range + field;
+      blocks_[r].gather(Dim, all + field * count, gradient.data() + sparsity_[r].begin);
     }
   }
   for (const Oriented& oriented : oriented_) {
-    if (!oriented.momenta) continue;
-    const GroupSparsity& range = sparsity_[oriented.range];
-    if (!oriented.listed.empty())
-      pick_elements<Dim>(oriented.listed, oriented.gradient.data(), oriented.active, gradient.data() + range.begin);
-    precondition(range, gradient, preconditioned);
+    if (!oriented.momenta || oriented.listed.empty()) continue;
+    pick_elements<Dim>(oriented.listed, oriented.gradient.data(), oriented.active,
+                       gradient.data() + sparsity_[oriented.range].begin);
   }
 }
 

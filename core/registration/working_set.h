@@ -101,8 +101,11 @@ class WorkingSet {
   ActiveBlocks<Dim> blocks() const;
   /// Where an evaluation's gradients go, by scale; those of first orders are not in x's layout before
   /// `finish_gradient`.
-  std::vector<MomentumTargets<T>> targets(std::vector<T>& gradient, bool with_first);
-  void finish_gradient(std::vector<T>& gradient, std::vector<T>& preconditioned);
+  std::vector<MomentumTargets<T>> targets(std::vector<T>& gradient);
+  void finish_gradient(std::vector<T>& gradient);
+  /// The same for what is preconditioned by the objective, order 0 alone: its fields one after the other.
+  std::vector<MomentumTargets<T>> dense_targets(std::vector<T>& preconditioned) const;
+  std::size_t dense_size() const;
   /// What first orders promise where they are 0, from the gradient of an evaluation that looked everywhere and the
   /// similarity there. Not for scales with directions.
   FirstOrderPromise promise(std::vector<T>& gradient, double similarity);
@@ -142,7 +145,6 @@ class WorkingSet {
   Layout layout() const;
   void reshape(const Layout& before, std::vector<T>& values) const;
   void fetch_gradients(const Layout& before, MinimiserState<T>& state) const;
-  void precondition(const GroupSparsity& range, const std::vector<T>& gradient, std::vector<T>& preconditioned) const;
   bool has_all_blocks(const FirstOrder& first) const;
   std::vector<AxisBlocks<Dim>> axis_blocks() const;
   const T* all_sites(std::size_t scale, const std::vector<T>& x) const;

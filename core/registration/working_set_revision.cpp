@@ -165,10 +165,9 @@ template <int Dim, class T>
 void WorkingSet<Dim, T>::fetch_gradients(const Layout& before, MinimiserState<T>& state) const {
   for (std::size_t s = 0; s < scales_.size(); ++s)
     for (int field = 0; field < first_[s].fields && !before.was_complete[s]; ++field) {
-      const GroupSparsity& range = sparsity_[first_[s].range + field];
-      blocks_[first_[s].range + field].gather(Dim, first_[s].gradient.data() + field * scales_[s]->field_size(),
-                                              state.gradient.data() + range.begin);
-      precondition(range, state.gradient, state.preconditioned);
+      const std::size_t r = first_[s].range + field;
+      blocks_[r].gather(Dim, first_[s].gradient.data() + field * scales_[s]->field_size(),
+                        state.gradient.data() + sparsity_[r].begin);
     }
 }
 
@@ -197,21 +196,17 @@ bool WorkingSet<Dim, T>::revise(MinimiserState<T>& state) {
   lay_out();
   gather_factors();
 
-  reshape(before, state.x);
+  reshape(before, state.x);  // what is preconditioned is of order 0, which stays
   reshape(before, state.gradient);
-  reshape(before, state.preconditioned);
   for (CurvaturePair<T>& pair : state.pairs) {
     reshape(before, pair.s);
     reshape(before, pair.y);
-    reshape(before, pair.y_preconditioned);
   }
   fetch_gradients(before, state);
   for (std::size_t s = 0; s < scales_.size(); ++s) {
     if (looked[s].empty()) continue;
-    const GroupSparsity& range = sparsity_[oriented_[s].range];
     pick_elements<Dim>(looked[s], oriented_[s].gradient.data(), oriented_[s].active,
-                       state.gradient.data() + range.begin);
-    precondition(range, state.gradient, state.preconditioned);
+                       state.gradient.data() + sparsity_[oriented_[s].range].begin);
   }
   return true;
 }

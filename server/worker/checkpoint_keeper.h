@@ -5,21 +5,19 @@
 #include <condition_variable>
 #include <functional>
 #include <mutex>
-#include <optional>
 #include <stop_token>
-#include <string>
 #include <thread>
 
 namespace saltus::worker {
 
 /// Puts checkpoints in safety at a bounded rate, from a thread of its own: the solver only waits while one is made.
-/// Never two at once; what is offered while one is on its way is not made.
+/// Never two at once: what is offered while one is on its way is not made, so all may be made in the same place.
 class CheckpointKeeper {
  public:
   using Clock = std::chrono::steady_clock;
-  /// Sends the bytes and returns when they are safe. Runs on the keeper's thread; throws std::exception. Has to end
-  /// soon when stop is requested.
-  using Put = std::function<void(const std::string& bytes, const std::stop_token& stop)>;
+  /// Sends what was made last and returns when it is safe. Runs on the keeper's thread; throws std::exception. Has to
+  /// end soon when stop is requested.
+  using Put = std::function<void(const std::stop_token& stop)>;
 
   /// `interval` lies between the beginnings of two; more, when making one takes more than a twentieth of it. 0: none is
   /// ever made. `stop` ends what is on its way.
@@ -30,8 +28,9 @@ class CheckpointKeeper {
   CheckpointKeeper(const CheckpointKeeper&) = delete;
   CheckpointKeeper& operator=(const CheckpointKeeper&) = delete;
 
-  /// Calls `make` when a checkpoint is due, and hands over what it returns. One thread at a time.
-  void offer(const std::function<std::string()>& make);
+  /// Calls `make` when a checkpoint is due, and has put what it made. One that cannot be made (std::exception) is told
+  /// of and not put. One thread at a time.
+  void offer(const std::function<void()>& make);
 
   /// How many are safe.
   int kept() const { return kept_; }
@@ -46,8 +45,7 @@ class CheckpointKeeper {
   std::atomic<int> kept_ = 0;
   std::mutex mutex_;
   std::condition_variable_any changed_;
-  std::optional<std::string> pending_;
-  bool is_busy_ = false;
+  bool is_pending_ = false, is_busy_ = false;
   std::jthread thread_;
   std::stop_callback<std::function<void()>> on_stop_;
 };

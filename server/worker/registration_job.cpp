@@ -15,6 +15,7 @@
 #include <chrono>
 #include <fstream>
 #include <iomanip>
+#include <memory>
 #include <new>
 #include <sstream>
 
@@ -49,14 +50,6 @@ void write_text(const fs::path& file, const std::string& text) {
   out << text;
   out.close();
   if (!out) throw FileError(file.string() + " cannot be written");
-}
-
-std::string read_bytes(const fs::path& file) {
-  std::ifstream in(file, std::ios::binary);
-  std::string bytes(static_cast<std::size_t>(fs::file_size(file)), '\0');
-  in.read(bytes.data(), static_cast<std::streamsize>(bytes.size()));
-  if (!in) throw FileError(file.string() + " cannot be read");
-  return bytes;
 }
 
 std::size_t peak_memory_bytes() {
@@ -143,16 +136,18 @@ class Run {
     inputs_.images.fixed_points = inputs_.landmarks.fixed;
     if (checkpoints_.resume) {
       try {
-        return optimise_from(read_bytes(*checkpoints_.resume));
+        return optimise_from([file = *checkpoints_.resume]() -> std::unique_ptr<std::istream> {
+          return std::make_unique<std::ifstream>(file, std::ios::binary);
+        });
       } catch (const InvalidInput& error) {
         // If the reason lies elsewhere, it comes again.
         if (checkpoints_.on_unfit) checkpoints_.on_unfit(error.what());
       }
     }
-    optimise_from("");
+    optimise_from({});
   }
 
-  void optimise_from(std::string checkpoint) {
+  void optimise_from(OpenCheckpoint checkpoint) {
     result_ = register_images(
         inputs_.images, options_,
         [this](const Progress& progress) { return observer_(TaskStage::Optimising, progress); },

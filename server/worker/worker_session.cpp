@@ -170,17 +170,20 @@ std::optional<std::filesystem::path> fetch_checkpoint(const v1::AcquireLeaseResp
   }
 }
 
-/// Sends checkpoints over a connection of their own. `place` is where the latest was made; the keeper makes no other
+/// Writes a checkpoint where it is sent from. Throws FileError.
+void write_checkpoint(const MakeCheckpoint& make, const std::filesystem::path& file) {
+  std::ofstream out(file, std::ios::binary | std::ios::trunc);
+  make(out);
+  out.close();
+  if (!out) throw FileError(file.filename().string() + " cannot be written");
+}
+
+/// Sends the checkpoint in `file` over a connection of its own. `place` is where it was made; the keeper makes no other
 /// one before that is safe.
-CheckpointKeeper::Put put_with(Lease& lease, const AttemptIdentity& identity, const std::filesystem::path& folder,
+CheckpointKeeper::Put put_with(Lease& lease, const AttemptIdentity& identity, const std::filesystem::path& file,
                                const Progress& place) {
   const auto channel = client::make_channel(identity.server, identity.tls);
-  return [&lease, &place, channel, file = folder / "checkpoint.new"](const std::string& bytes,
-                                                                     const std::stop_token& stop) {
-    std::ofstream out(file, std::ios::binary | std::ios::trunc);
-    out.write(bytes.data(), static_cast<std::streamsize>(bytes.size()));
-    out.close();
-    if (!out) throw FileError(file.filename().string() + " cannot be written");
+  return [&lease, &place, channel, file](const std::stop_token& stop) {
     client::CallSettings settings = lease.transfer_settings();
     settings.stop = stop;
     const client::FileDigest sent = client::BlobTransfer(channel, settings).upload(file);
@@ -202,14 +205,15 @@ std::vector<std::string> register_with_checkpoints(const RegistrationTask& task,
   const auto interval =
       std::chrono::milliseconds(static_cast<std::int64_t>(1000 * lease.terms().checkpoint_interval_seconds()));
   Progress place;
-  CheckpointKeeper keeper(interval, put_with(lease, identity, folder, place), lease.stop_token());
+  const std::filesystem::path file = folder / "checkpoint.new";
+  CheckpointKeeper keeper(interval, put_with(lease, identity, file, place), lease.stop_token());
   bool is_unfit = !checkpoint, is_resumed = false;
   TaskCheckpoints checkpoints;
   checkpoints.resume = checkpoint;
   checkpoints.offer = [&](const Progress& now, const MakeCheckpoint& make) {
     keeper.offer([&] {
       place = now;
-      return make();
+      write_checkpoint(make, file);
     });
   };
   checkpoints.on_unfit = [&is_unfit](const std::string& why) {

@@ -1,7 +1,7 @@
 // Any bytes as a checkpoint, with a header that fits them, so that what lies behind the checksum is reached.
-#include "core/registration/checkpoint.h"
 #include "core/support/errors.h"
 #include "core/support/fingerprint.h"
+#include "tests/support/checkpoint_bytes.h"
 
 #include <cstdint>
 #include <cstring>
@@ -14,7 +14,7 @@ constexpr std::size_t header_size = 40;
 
 std::string with_header(const std::string& body) {
   // The layout is encode's: 24 bytes of magic, version and job, then size and checksum of the body.
-  std::string blob = saltus::encode(saltus::Checkpoint{}, job).substr(0, header_size) + body;
+  std::string blob = saltus::encoded(saltus::Checkpoint{}, job).substr(0, header_size) + body;
   saltus::Fingerprint fingerprint;
   fingerprint.add_bytes(body.data(), body.size());
   const std::uint64_t size = body.size(), checksum = fingerprint.value();
@@ -29,9 +29,9 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   const std::string bytes(reinterpret_cast<const char*>(data), size);
   for (const std::string& blob : {bytes, with_header(bytes)}) {
     try {
-      const saltus::Checkpoint checkpoint = saltus::decode(blob, job);
+      const saltus::Checkpoint checkpoint = saltus::decoded(blob, job);
       // What is read is written the same.
-      if (saltus::encode(checkpoint, job).substr(header_size) != blob.substr(header_size)) __builtin_trap();
+      if (saltus::encoded(checkpoint, job).substr(header_size) != blob.substr(header_size)) __builtin_trap();
     } catch (const saltus::InvalidInput&) {
       // says so; nothing else may be thrown
     }

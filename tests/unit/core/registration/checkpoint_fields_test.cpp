@@ -10,6 +10,8 @@
 #include <type_traits>
 #include <vector>
 
+#include "tests/support/checkpoint_bytes.h"
+
 namespace saltus {
 namespace {
 
@@ -82,7 +84,7 @@ void expect_same(const LevelSummary& one, const LevelSummary& other, const char*
 TEST(CheckpointFields, AllSurviveBeingStored) {
   Checkpoint stored;
   Numbers()(stored);
-  const Checkpoint read = decode(encode(stored, 7), 7);
+  const Checkpoint read = decoded(encoded(stored, 7), 7);
   EXPECT_EQ(read.step, stored.step);
   expect_same(read.level, stored.level, "level");
   EXPECT_EQ(read.level_start, stored.level_start);

@@ -15,6 +15,7 @@
 #include "core/registration/register_images.h"
 #include "core/registration/scales.h"
 #include "core/support/errors.h"
+#include "tests/support/checkpoint_bytes.h"
 #include "tests/support/random_fields.h"
 
 namespace saltus {
@@ -268,10 +269,10 @@ TEST(OrientedModel, ResumesWithTheSameEnd) {
     register_images<2>(slip.input, options,
                        [&](const Progress&) { return blob.empty() ? ProgressAnswer::Continue : ProgressAnswer::Stop; },
                        {.resume = {}, .offer = [&](const Progress&, const MakeCheckpoint& make) {
-                          if (++taken == stop) blob = make();
+                          if (++taken == stop) blob = bytes_of(make);
                         }});
     ASSERT_FALSE(blob.empty());
-    const RegistrationResult<2> resumed = register_images<2>(slip.input, options, {}, {.resume = blob, .offer = {}});
+    const RegistrationResult<2> resumed = register_images<2>(slip.input, options, {}, {.resume = from(blob), .offer = {}});
     EXPECT_EQ(resumed.displacement.samples, whole.displacement.samples) << stop;
   }
 }
