@@ -16,14 +16,14 @@ class BackwardMap {
   /// psi(x) - x, mm, interleaved.
   const Field<T>& follow(const std::vector<Field<T>>& velocities);
 
-  /// Adjoint of the last follow: adds to velocity_duals what `dual` of psi(x) - x makes of the velocities.
-  void adjoint(const std::vector<Field<T>>& velocities, const Field<T>& dual, std::vector<Field<T>>& velocity_duals);
+  /// Adjoint of the last follow: adds to velocity_duals what `dual` of psi(x) - x (modified) makes of the velocities.
+  void adjoint(const std::vector<Field<T>>& velocities, Field<T>& dual, std::vector<Field<T>>& velocity_duals);
 
  private:
   Lattice<Dim> points_, lattice_;
   int time_steps_;
   std::vector<Field<T>> position_;  ///< displacement at node k; [time_steps] is empty, meaning 0
-  Field<T> predicted_, position_dual_, predicted_dual_, through_velocity_;  ///< of the adjoint; sized once
+  Field<T> predicted_, predicted_dual_;     ///< of the adjoint; sized once
 };
 
 /// What BackwardMap::follow gives, where no adjoint is wanted: one field and nothing else.

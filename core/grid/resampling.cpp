@@ -2,27 +2,29 @@
 
 #include <algorithm>
 #include <cmath>
+#include <type_traits>
 
 namespace saltus {
 namespace {
 
-/// Views a field as [outer][length][inner] around one axis; `inner` counts scalars.
 template <int Dim>
-struct AxisView {
-  std::size_t outer = 1, inner = 1;
-  AxisView(const Index<Dim>& size, int axis, int channels) : inner(static_cast<std::size_t>(channels)) {
-    for (int a = 0; a < axis; ++a) inner *= static_cast<std::size_t>(size[a]);
-    for (int a = axis + 1; a < Dim; ++a) outer *= static_cast<std::size_t>(size[a]);
-  }
-};
+std::size_t plane_of(const Lattice<Dim>& lattice, int channels) {
+  std::size_t scalars = static_cast<std::size_t>(channels);
+  for (int axis = 0; axis + 1 < Dim; ++axis) scalars *= static_cast<std::size_t>(lattice.size[axis]);
+  return scalars;
+}
 
 }  // namespace
 
 template <int Dim, class T>
 LatticeInterpolation<Dim, T>::LatticeInterpolation(const Lattice<Dim>& source, const Lattice<Dim>& target, int channels)
-    : source_(source), target_(target), channels_(channels), identity_(source == target) {
+    : source_(source),
+      target_(target),
+      channels_(channels),
+      identity_(source == target),
+      source_plane_(plane_of(source, channels)),
+      target_plane_(plane_of(target, channels)) {
   if (identity_) return;
-  Index<Dim> size = source.size;
   for (int axis = 0; axis < Dim; ++axis) {
     const int last = source.size[axis] - 1;
     taps_[axis].resize(static_cast<std::size_t>(target.size[axis]));
@@ -38,83 +40,143 @@ LatticeInterpolation<Dim, T>::LatticeInterpolation(const Lattice<Dim>& source, c
       while (i < target.size[axis] && taps_[axis][static_cast<std::size_t>(i)].low < low) ++i;
       first_[axis][static_cast<std::size_t>(low)] = i;
     }
-    if (axis + 1 == Dim) break;  // the last axis goes straight from and to the target
-    size[axis] = target.size[axis];
-    std::size_t count = static_cast<std::size_t>(channels);
-    for (int extent : size) count *= static_cast<std::size_t>(extent);
-    scratch_[axis % 2].resize(std::max(scratch_[axis % 2].size(), count));
   }
 }
 
+/// Views `in` as [outer][source's length][inner] scalars and `out` alike.
 template <int Dim, class T>
-template <bool is_added>
-void LatticeInterpolation<Dim, T>::resize_axis(int axis, const Index<Dim>& size, const T* in, T* out) const {
-  const AxisView<Dim> view(size, axis, channels_);
-  const std::size_t from = static_cast<std::size_t>(size[axis]), to = taps_[axis].size();
-  const std::size_t inner = view.inner;
-#pragma omp parallel for collapse(2) schedule(static)
-  for (std::size_t o = 0; o < view.outer; ++o)
-    for (std::size_t i = 0; i < to; ++i) {
-      const Tap tap = taps_[axis][i];
-      const T* a = in + (o * from + static_cast<std::size_t>(tap.low)) * inner;
-      const T* b = from > 1 ? a + inner : a;
-      T* target = out + (o * to + i) * inner;
+template <bool is_added, class Inner>
+void LatticeInterpolation<Dim, T>::resize_axis(int axis, std::size_t outer, Inner inner, const T* in, T* out) const {
+  const std::size_t from = static_cast<std::size_t>(source_.size[axis]), step = from > 1 ? inner : 0;
+  for (std::size_t o = 0; o < outer; ++o, in += from * inner)
+    for (const Tap tap : taps_[axis]) {
+      const T *a = in + static_cast<std::size_t>(tap.low) * inner, *b = a + step;
       const T w = tap.fraction;
 #pragma omp simd
-      for (std::size_t k = 0; k < inner; ++k)
-        target[k] = (is_added ? target[k] : T(0)) + ((T(1) - w) * a[k] + w * b[k]);
+      for (std::size_t k = 0; k < inner; ++k) out[k] = (is_added ? out[k] : T(0)) + ((T(1) - w) * a[k] + w * b[k]);
+      out += inner;
     }
 }
 
 template <int Dim, class T>
-void LatticeInterpolation<Dim, T>::transpose_axis(int axis, const Index<Dim>& size, const T* in, T* out) const {
-  // `size` is the source's size along `axis`; the target's is the number of taps.
-  const AxisView<Dim> view(size, axis, channels_);
-  const std::size_t from = static_cast<std::size_t>(size[axis]), to = taps_[axis].size();
-  const std::size_t inner = view.inner;
+template <class Inner>
+void LatticeInterpolation<Dim, T>::transpose_axis(int axis, std::size_t outer, Inner inner, const T* in, T* out) const {
+  const std::size_t from = static_cast<std::size_t>(source_.size[axis]), to = taps_[axis].size();
   // Every source sample gathers from the targets of the cells on either side, in their order.
-#pragma omp parallel for collapse(2) schedule(static)
-  for (std::size_t o = 0; o < view.outer; ++o)
-    for (std::size_t j = 0; j < from; ++j) {
-      T* sum = out + (o * from + j) * inner;
-      std::fill(sum, sum + inner, T(0));
+  for (std::size_t o = 0; o < outer; ++o, in += to * inner)
+    for (std::size_t j = 0; j < from; ++j, out += inner) {
+      std::fill_n(out, static_cast<std::size_t>(inner), T(0));
       for (int i = first_[axis][j > 0 ? j - 1 : 0]; i < first_[axis][j + 1]; ++i) {
         const Tap tap = taps_[axis][static_cast<std::size_t>(i)];
         const T w = from == 1 ? T(1) : static_cast<std::size_t>(tap.low) == j ? T(1) - tap.fraction : tap.fraction;
-        const T* value = in + (o * to + static_cast<std::size_t>(i)) * inner;
+        const T* value = in + static_cast<std::size_t>(i) * inner;
 #pragma omp simd
-        for (std::size_t k = 0; k < inner; ++k) sum[k] += w * value[k];
+        for (std::size_t k = 0; k < inner; ++k) out[k] += w * value[k];
       }
     }
 }
 
+/// Along the last axis between two planes of the source, then within the plane, down to x. `channels` as a constant
+/// where it can be: rows along x are as short as that.
+template <int Dim, class T>
+template <bool is_added, class Channels>
+void LatticeInterpolation<Dim, T>::resize_plane(const T* source, int plane, Scratch& scratch, T* out,
+                                                Channels channels) const {
+  const Tap tap = taps_[Dim - 1][static_cast<std::size_t>(plane)];
+  const T* a = source + static_cast<std::size_t>(tap.low) * source_plane_;
+  const T* b = a + (source_.size[Dim - 1] > 1 ? source_plane_ : 0);
+  const T w = tap.fraction;
+  scratch[0].resize(source_plane_);
+  T* between = scratch[0].data();
+#pragma omp simd
+  for (std::size_t k = 0; k < source_plane_; ++k) between[k] = (T(1) - w) * a[k] + w * b[k];
+  if constexpr (Dim == 3) {
+    const std::size_t row = static_cast<std::size_t>(source_.size[0]) * channels;
+    scratch[1].resize(row * taps_[1].size());
+    resize_axis<false>(1, 1, row, between, scratch[1].data());
+    between = scratch[1].data();
+  }
+  resize_axis<is_added>(0, Dim == 3 ? taps_[1].size() : 1, channels, between, out);
+}
+
+template <int Dim, class T>
+void LatticeInterpolation<Dim, T>::take_plane(const T* source, int plane, Scratch& scratch, T* out) const {
+  if (channels_ == Dim)
+    resize_plane<false>(source, plane, scratch, out, std::integral_constant<std::size_t, Dim>());
+  else
+    resize_plane<false>(source, plane, scratch, out, static_cast<std::size_t>(channels_));
+}
+
+template <int Dim, class T>
+void LatticeInterpolation<Dim, T>::transpose_plane(const T* values, int plane, Scratch& scratch) {
+  T* reduced = reduced_.data() + static_cast<std::size_t>(plane) * source_plane_;
+  const std::size_t channels = static_cast<std::size_t>(channels_);
+  T* rows = reduced;
+  if constexpr (Dim == 3) {
+    scratch[0].resize(static_cast<std::size_t>(source_.size[0]) * channels * taps_[1].size());
+    rows = scratch[0].data();
+  }
+  const std::size_t count = Dim == 3 ? taps_[1].size() : 1;
+  if (channels_ == Dim)
+    transpose_axis(0, count, std::integral_constant<std::size_t, Dim>(), values, rows);
+  else
+    transpose_axis(0, count, channels, values, rows);
+  if constexpr (Dim == 3)
+    transpose_axis(1, 1, static_cast<std::size_t>(source_.size[0]) * channels, rows, reduced);
+}
+
+template <int Dim, class T>
+void LatticeInterpolation<Dim, T>::begin_transpose() {
+  reduced_.resize(taps_[Dim - 1].size() * source_plane_);
+}
+
+template <int Dim, class T>
+void LatticeInterpolation<Dim, T>::finish_transpose(T* source) const {
+  const std::size_t from = static_cast<std::size_t>(source_.size[Dim - 1]);
+#pragma omp parallel for schedule(static)
+  for (std::size_t j = 0; j < from; ++j) {
+    T* sum = source + j * source_plane_;
+    std::fill_n(sum, source_plane_, T(0));
+    for (int i = first_[Dim - 1][j > 0 ? j - 1 : 0]; i < first_[Dim - 1][j + 1]; ++i) {
+      const Tap tap = taps_[Dim - 1][static_cast<std::size_t>(i)];
+      const T w = from == 1 ? T(1) : static_cast<std::size_t>(tap.low) == j ? T(1) - tap.fraction : tap.fraction;
+      const T* value = reduced_.data() + static_cast<std::size_t>(i) * source_plane_;
+#pragma omp simd
+      for (std::size_t k = 0; k < source_plane_; ++k) sum[k] += w * value[k];
+    }
+  }
+}
+
 template <int Dim, class T>
 template <bool is_added>
-void LatticeInterpolation<Dim, T>::resize(const T* source, T* target) {
-  const std::size_t count = static_cast<std::size_t>(channels_) * target_.sites();
+void LatticeInterpolation<Dim, T>::resize(const T* source, T* target) const {
   if (identity_) {
+    const std::size_t count = static_cast<std::size_t>(channels_) * target_.sites();
 #pragma omp parallel for simd schedule(static)
     for (std::size_t i = 0; i < count; ++i) target[i] = (is_added ? target[i] : T(0)) + source[i];
     return;
   }
-  Index<Dim> size = source_.size;
-  const T* in = source;
-  for (int axis = 0; axis + 1 < Dim; ++axis) {
-    T* out = scratch_[axis % 2].data();
-    resize_axis<false>(axis, size, in, out);
-    size[axis] = target_.size[axis];
-    in = out;
+#pragma omp parallel
+  {
+    Scratch scratch;
+#pragma omp for schedule(static)
+    for (int plane = 0; plane < target_.size[Dim - 1]; ++plane) {
+      T* out = target + static_cast<std::size_t>(plane) * target_plane_;
+      if (channels_ == Dim)
+        resize_plane<is_added>(source, plane, scratch, out, std::integral_constant<std::size_t, Dim>());
+      else
+        resize_plane<is_added>(source, plane, scratch, out, static_cast<std::size_t>(channels_));
+    }
   }
-  resize_axis<is_added>(Dim - 1, size, in, target);
 }
 
 template <int Dim, class T>
-void LatticeInterpolation<Dim, T>::add_to(const T* source, T* target) {
+void LatticeInterpolation<Dim, T>::add_to(const T* source, T* target) const {
   resize<true>(source, target);
 }
 
 template <int Dim, class T>
-void LatticeInterpolation<Dim, T>::take(const T* source, T* target) {
+void LatticeInterpolation<Dim, T>::take(const T* source, T* target) const {
   resize<false>(source, target);
 }
 
@@ -124,14 +186,15 @@ void LatticeInterpolation<Dim, T>::transpose(const T* target, T* source) {
     std::copy(target, target + static_cast<std::size_t>(channels_) * target_.sites(), source);
     return;
   }
-  Index<Dim> size = target_.size;
-  const T* in = target;
-  for (int axis = Dim - 1; axis >= 0; --axis) {
-    size[axis] = source_.size[axis];
-    T* out = axis == 0 ? source : scratch_[(axis - 1) % 2].data();
-    transpose_axis(axis, size, in, out);
-    in = out;
+  begin_transpose();
+#pragma omp parallel
+  {
+    Scratch scratch;
+#pragma omp for schedule(static)
+    for (int plane = 0; plane < target_.size[Dim - 1]; ++plane)
+      transpose_plane(target + static_cast<std::size_t>(plane) * target_plane_, plane, scratch);
   }
+  finish_transpose(source);
 }
 
 template class LatticeInterpolation<2, float>;

@@ -4,21 +4,33 @@
 
 namespace saltus {
 
-/// Linear interpolation of an interleaved field from one lattice to another, axis by axis, and its exact transpose.
-/// Points of `target` outside `source` take the border's value.
+/// Linear interpolation of an interleaved field from one lattice to another, and its exact transpose. Points of `target`
+/// outside `source` take the border's value. One axis after the other, the last first, in planes across that axis, each
+/// of which stays in the caches: a whole target is only made where the caller wants one.
 template <int Dim, class T>
 class LatticeInterpolation {
  public:
   LatticeInterpolation(const Lattice<Dim>& source, const Lattice<Dim>& target, int channels);
 
   /// target += P source.
-  void add_to(const T* source, T* target);
+  void add_to(const T* source, T* target) const;
   /// target = P source.
-  void take(const T* source, T* target);
+  void take(const T* source, T* target) const;
   /// source = P^T target.
   void transpose(const T* target, T* source);
 
   bool is_identity() const { return identity_; }
+
+  // The same plane by plane, each from any thread. Not where this is the identity.
+
+  /// What a thread works with; one for as many calls as it likes.
+  using Scratch = std::array<std::vector<T>, 2>;
+  /// out = plane number `plane` of P source.
+  void take_plane(const T* source, int plane, Scratch& scratch, T* out) const;
+  /// source = P^T of planes: begin, take in each of them once, finish.
+  void begin_transpose();
+  void transpose_plane(const T* values, int plane, Scratch& scratch);
+  void finish_transpose(T* source) const;
 
  private:
   struct Tap {
@@ -26,17 +38,21 @@ class LatticeInterpolation {
     T fraction;  ///< weight of low + 1
   };
   template <bool is_added>
-  void resize(const T* source, T* target);
-  template <bool is_added>
-  void resize_axis(int axis, const Index<Dim>& size, const T* in, T* out) const;
-  void transpose_axis(int axis, const Index<Dim>& size, const T* in, T* out) const;
+  void resize(const T* source, T* target) const;
+  template <bool is_added, class Channels>
+  void resize_plane(const T* source, int plane, Scratch& scratch, T* out, Channels channels) const;
+  template <bool is_added, class Inner>
+  void resize_axis(int axis, std::size_t outer, Inner inner, const T* in, T* out) const;
+  template <class Inner>
+  void transpose_axis(int axis, std::size_t outer, Inner inner, const T* in, T* out) const;
 
   Lattice<Dim> source_, target_;
   int channels_;
   bool identity_;
   std::array<std::vector<Tap>, Dim> taps_;   ///< by target index
   std::array<std::vector<int>, Dim> first_;  ///< by source index: the first target whose tap is not below it
-  std::vector<T> scratch_[2];
+  std::size_t source_plane_, target_plane_;  ///< scalars
+  std::vector<T> reduced_;                   ///< planes transposed along all axes but the last
 };
 
 }  // namespace saltus

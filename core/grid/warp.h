@@ -1,6 +1,7 @@
 #pragma once
 
 #include "core/grid/lattice.h"
+#include "core/grid/resampling.h"
 #include "core/grid/volume.h"
 
 namespace saltus {
@@ -15,9 +16,21 @@ struct FramedImage {
   Vector<Dim> offset;
 };
 
+/// A displacement u at the sites of a lattice, mm, interleaved: as it is, or interpolated to there (not the identity).
+template <int Dim, class T>
+struct Displacement {
+  const T* field = nullptr;  ///< null: 0 everywhere
+  LatticeInterpolation<Dim, T>* to_sites = nullptr;
+};
+
 /// out(x) = image(x + u(x)) at the sites of `points`, linear; beyond the image the border's value is used.
 template <int Dim, class T>
-void warp(const FramedImage<Dim, T>& image, const Lattice<Dim>& points, const T* displacement, T* out);
+void warp(const FramedImage<Dim, T>& image, const Lattice<Dim>& points, const Displacement<Dim, T>& displacement,
+          T* out);
+template <int Dim, class T>
+void warp(const FramedImage<Dim, T>& image, const Lattice<Dim>& points, const T* displacement, T* out) {
+  warp<Dim, T>(image, points, Displacement<Dim, T>{displacement}, out);
+}
 
 /// What a warped image's derivative is: dual(x) for image(x + u(x)).
 template <int Dim, class T>
@@ -27,9 +40,15 @@ struct WarpedDual {
 };
 
 /// displacement_dual = sum over the images, all warped with the same displacement, of dual * gradient of image at x +
-/// u(x): the adjoint of `warp`. Each site on its own, so displacement_dual may be `displacement` itself.
+/// u(x): the adjoint of `warp`, for the field that the displacement is made of. Where that lies at the sites,
+/// displacement_dual may be the field itself: each site is on its own.
+template <int Dim, class T>
+void warp_adjoint(const std::vector<WarpedDual<Dim, T>>& warped, const Lattice<Dim>& points,
+                  const Displacement<Dim, T>& displacement, T* displacement_dual);
 template <int Dim, class T>
 void warp_adjoint(const std::vector<WarpedDual<Dim, T>>& warped, const Lattice<Dim>& points, const T* displacement,
-                  T* displacement_dual);
+                  T* displacement_dual) {
+  warp_adjoint<Dim, T>(warped, points, Displacement<Dim, T>{displacement}, displacement_dual);
+}
 
 }  // namespace saltus

@@ -204,15 +204,15 @@ void summarise_similarity(const MatchingLevel<Dim, float>& full, const Registrat
                                   *std::min_element(lattice.spacing.begin(), lattice.spacing.end()));
   std::vector<float> warped, weights, gradient(sites);
   const auto shown = [&] { return weights.empty() ? nullptr : weights.data(); };
-  const auto evaluate = [&](const Field<float>& displacement) {
+  const auto evaluate = [&](const Displacement<Dim, float>& displacement) {
     warp_level<Dim, float>(full, displacement, warped, weights);
     return similarity->evaluate(full.fixed.data(), warped.data(), shown(), gradient.data(), nullptr);
   };
-  const Field<float> frame(Dim * sites, 0.0f);
+  const Displacement<Dim, float> frame;
   warp_level<Dim, float>(full, frame, warped, weights);
   similarity->prepare(full.fixed.data(), warped.data(), shown());
   result.summary.similarity_before = evaluate(frame);
-  result.summary.similarity_after = evaluate(backward);
+  result.summary.similarity_after = evaluate({backward.data()});
 }
 
 #define SALTUS_FINISH(DIM)                                                                          \

@@ -9,16 +9,16 @@
 namespace saltus {
 
 template <int Dim, class T>
-void warp_level(const MatchingLevel<Dim, T>& level, const Field<T>& displacement, std::vector<T>& warped,
+void warp_level(const MatchingLevel<Dim, T>& level, const Displacement<Dim, T>& displacement, std::vector<T>& warped,
                 std::vector<T>& weights) {
   warped.resize(level.lattice.sites());
-  warp<Dim, T>(level.moving, level.lattice, displacement.data(), warped.data());
+  warp<Dim, T>(level.moving, level.lattice, displacement, warped.data());
   if (level.moving_weights.samples.empty()) {
     weights = level.fixed_weights;
     return;
   }
   weights.resize(level.lattice.sites());
-  warp<Dim, T>(level.moving_weights, level.lattice, displacement.data(), weights.data());
+  warp<Dim, T>(level.moving_weights, level.lattice, displacement, weights.data());
   for (std::size_t i = 0; i < level.fixed_weights.size(); ++i) weights[i] *= level.fixed_weights[i];
 }
 
@@ -37,12 +37,17 @@ MatchingObjective<Dim, T>::MatchingObjective(std::vector<MomentumScale<Dim, T>*>
       map_(flow_, flow_, level.time_steps * level.map_steps) {
   const std::size_t sites = level.lattice.sites();
   image_dual_.resize(sites);
-  on_level_.resize(Dim * sites);
+  map_dual_.resize(Dim * flow_.sites());
   velocity_duals_.assign(shooting_.nodes(), Field<T>(Dim * flow_.sites()));
-  if (!to_level_.is_identity()) map_dual_.resize(Dim * flow_.sites());
   if (!level.moving_weights.samples.empty()) weight_dual_.resize(sites);
-  warp_level<Dim, T>(level, on_level_, warped_, weights_);  // still 0: at rest
+  warp_level<Dim, T>(level, {}, warped_, weights_);  // at rest
   similarity_->prepare(level.fixed.data(), warped_.data(), weights_.empty() ? nullptr : weights_.data());
+}
+
+/// A displacement on the flow's lattice as the images take it.
+template <int Dim, class T>
+Displacement<Dim, T> MatchingObjective<Dim, T>::on_level(const Field<T>& field) {
+  return {field.data(), to_level_.is_identity() ? nullptr : &to_level_};
 }
 
 template <int Dim, class T>
@@ -85,9 +90,7 @@ Evaluation MatchingObjective<Dim, T>::evaluate(const std::vector<T>& x, std::vec
   }
 
   shooting_.shoot(momenta, blocks);
-  const Field<T>& map = map_.follow(shooting_.velocities());
-  if (!to_level_.is_identity()) to_level_.take(map.data(), on_level_.data());
-  const Field<T>& displacement = to_level_.is_identity() ? map : on_level_;
+  const Displacement<Dim, T> displacement = on_level(map_.follow(shooting_.velocities()));
   const bool moving_weights = !level_.moving_weights.samples.empty();
   warp_level<Dim, T>(level_, displacement, warped_, weights_);
   const T* weights = weights_.empty() ? nullptr : weights_.data();
@@ -104,8 +107,7 @@ Evaluation MatchingObjective<Dim, T>::evaluate(const std::vector<T>& x, std::vec
       weight_dual_[i] *= weight * (level_.fixed_weights.empty() ? T(1) : level_.fixed_weights[i]);
     duals.push_back({&level_.moving_weights, weight_dual_.data()});
   }
-  // The displacement ends here: its dual takes its place.
-  warp_adjoint<Dim, T>(duals, level_.lattice, displacement.data(), on_level_.data());
+  warp_adjoint<Dim, T>(duals, level_.lattice, displacement, map_dual_.data());
   for (Field<T>& dual : velocity_duals_) std::fill(dual.begin(), dual.end(), T(0));
   if (level_.divergence_weight > 0)
     for (int k = 0, last = shooting_.nodes() - 1; k <= last; ++k) {
@@ -113,8 +115,7 @@ Evaluation MatchingObjective<Dim, T>::evaluate(const std::vector<T>& x, std::vec
       parts_.regularisation += add_divergence_penalty<Dim, T>(
           flow_, shooting_.velocities()[k].data(), level_.divergence_weight * share, velocity_duals_[k].data());
     }
-  if (!to_level_.is_identity()) to_level_.transpose(on_level_.data(), map_dual_.data());
-  map_.adjoint(shooting_.velocities(), to_level_.is_identity() ? on_level_ : map_dual_, velocity_duals_);
+  map_.adjoint(shooting_.velocities(), map_dual_, velocity_duals_);
   shooting_.adjoint(momenta, velocity_duals_, gradients, scaled);
   set_.finish_gradient(gradient);
   const double energy = parts_.similarity + parts_.regularisation;
@@ -165,8 +166,10 @@ std::vector<double> MatchingObjective<Dim, T>::hamiltonians(const std::vector<T>
   return shooting_.hamiltonians(set_.pointers(x));
 }
 
-template void warp_level(const MatchingLevel<2, float>&, const Field<float>&, std::vector<float>&, std::vector<float>&);
-template void warp_level(const MatchingLevel<3, float>&, const Field<float>&, std::vector<float>&, std::vector<float>&);
+template void warp_level(const MatchingLevel<2, float>&, const Displacement<2, float>&, std::vector<float>&,
+                         std::vector<float>&);
+template void warp_level(const MatchingLevel<3, float>&, const Displacement<3, float>&, std::vector<float>&,
+                         std::vector<float>&);
 template class MatchingObjective<2, float>;
 template class MatchingObjective<3, float>;
 template class MatchingObjective<2, double>;

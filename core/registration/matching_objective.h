@@ -36,7 +36,7 @@ struct MatchingLevel {
 
 /// The moving image and the weights (both masks; empty without masks) on the level's lattice, after `displacement`.
 template <int Dim, class T>
-void warp_level(const MatchingLevel<Dim, T>& level, const Field<T>& displacement, std::vector<T>& warped,
+void warp_level(const MatchingLevel<Dim, T>& level, const Displacement<Dim, T>& displacement, std::vector<T>& warped,
                 std::vector<T>& weights);
 
 /// E(m) = weight * E_S(I0 o psi_1, I1) + sum over scales and orders of 1/2 ||v_i(0)||^2 + divergence penalty, with its
@@ -85,6 +85,8 @@ class MatchingObjective final : public Objective<T> {
   void on_work(std::function<void(double)> callback);
 
  private:
+  Displacement<Dim, T> on_level(const Field<T>& field);
+
   std::vector<MomentumScale<Dim, T>*> scales_;
   WorkingSet<Dim, T> set_;
   const MatchingLevel<Dim, T>& level_;
@@ -97,8 +99,7 @@ class MatchingObjective final : public Objective<T> {
   std::function<void(double)> on_work_;
   int polls_ = 0;
   std::vector<T> warped_, weights_, image_dual_, weight_dual_;
-  Field<T> on_level_;  ///< the displacement's dual, and where the flow has another lattice first the displacement
-  Field<T> map_dual_;  ///< on the flow's lattice, when that is another
+  Field<T> map_dual_;  ///< on the flow's lattice
   std::vector<Field<T>> velocity_duals_;
 };
 

@@ -23,15 +23,23 @@ std::size_t memory_estimate(const ImageGrid<Dim>& fixed, const ImageGrid<Dim>& m
   const int finest = options.pyramid.finest_level, coarsening = options.flow.coarsening;
   const double level = sites_of(finest);
   const auto round_bytes = [&](bool smooth) {
-    double bytes = level * (8 * scalar + vector + similarity);  // images, weights, duals; displacement or its dual
-    const double flow = sites_of(smooth ? finest + coarsening : finest);
-    if (smooth && coarsening > 0) bytes += level * 0.75 * vector + flow * vector;  // on the way between the lattices
-    bytes += flow * (2 * nodes * vector                                            // velocities and their duals
-                     + (nodes + 4) * vector);                                      // map and its adjoint's work
+    double bytes = level * (8 * scalar + similarity);  // images, weights, duals
+    const Lattice<Dim> flow_lattice = level_lattice(image, smooth ? finest + coarsening : finest);
+    const double flow = static_cast<double>(flow_lattice.sites());
+    // Planes on the way from a coarser lattice, see LatticeInterpolation.
+    const auto planes_between = [&](const Lattice<Dim>& coarse, const Lattice<Dim>& fine) {
+      return coarse == fine ? 0.0
+                            : static_cast<double>(coarse.sites()) / coarse.size[Dim - 1] * fine.size[Dim - 1] * vector;
+    };
+    bytes += planes_between(flow_lattice, level_lattice(image, finest));
+    bytes += flow * (2 * nodes * vector       // velocities and their duals
+                     + (nodes + 2) * vector);  // map and its adjoint's work
     double unknowns = 0, dense = 0;  // momenta, and those of order 0
     // Once for each lattice: where its sites are, with their duals. Then for each scale its momenta.
-    const auto add_lattice = [&](double sites) {
-      bytes += sites * (2 * steps + 5) * vector;
+    const auto add_lattice = [&](int q) {
+      const Lattice<Dim> lattice = level_lattice(image, q);
+      const double sites = static_cast<double>(lattice.sites());
+      bytes += sites * (2 * steps + 5) * vector + planes_between(lattice, flow_lattice);
       if (options.flow.evolution != Evolution::Carried) bytes += sites * 2 * Dim * vector;  // Jacobians
     };
     const auto is_first_at = [&](int q) {
@@ -40,16 +48,17 @@ std::size_t memory_estimate(const ImageGrid<Dim>& fixed, const ImageGrid<Dim>& m
     };
     const bool shares = options.model == Model::Wendland1 || options.model == Model::Directional;
     for (int q = m.finest_scale; q < m.finest_scale + m.scales; ++q) {
-      const double sites = sites_of(shares && is_first_at(q) ? q : q + coarsening);
+      const int placed = shares && is_first_at(q) ? q : q + coarsening;
+      const double sites = sites_of(placed);
       unknowns += Dim * sites;
       dense += Dim * sites;
-      add_lattice(sites);
+      add_lattice(placed);
       bytes += sites * (m.kernel_widths.size() > 1 ? 6 : 5) * vector;  // momentum, velocity, those of the passes
     }
     for (int q = m.first_order_finest_scale; is_first_at(q); ++q) {
       const double sites = sites_of(q);
       unknowns += Dim * Dim * sites;
-      if (coarsening > 0 || q < m.finest_scale || q >= m.finest_scale + m.scales) add_lattice(sites);
+      if (coarsening > 0 || q < m.finest_scale || q >= m.finest_scale + m.scales) add_lattice(q);
       bytes += sites * ((m.first_order_kernel_widths.size() > 1 ? 6 : 5) * vector + Dim * vector);
       // With sparsity only active blocks are unknowns, beside momenta and gradients at all sites. How many there will
       // be is not known: nearly all, at worst.
