@@ -3,6 +3,7 @@
 #include "core/flow/scatter.h"
 #include "core/grid/block_mask.h"
 #include "core/grid/cell_lanes.h"
+#include "core/support/thread_count.h"
 
 #include <algorithm>
 
@@ -24,7 +25,7 @@ void advance(const Lattice<Dim>& points, const BlockMask<Dim>& where, const T* a
     return;
   }
   const SitePlacement<Dim, T> place(points, velocity_lattice);
-#pragma omp parallel for schedule(static)
+#pragma omp parallel for schedule(static) if (is_worth_threads(points.sites()))
   for (int slab = 0; slab < points.size[Dim - 1]; ++slab) {
     CellLanes<Dim, T> cells(velocity_lattice);
     where.visit_pieces(points, slab, cells.kLanes, [&](const Index<Dim>& index, std::size_t site, int count) {
@@ -53,7 +54,7 @@ void advance_heun(const Lattice<Dim>& points, const T* d, const Lattice<Dim>& ve
   const SitePlacement<Dim, T> place(points, velocity_lattice);
   const bool on_samples = !d && points == velocity_lattice;
   const auto all = BlockMask<Dim>::all(points);
-#pragma omp parallel for schedule(static)
+#pragma omp parallel for schedule(static) if (is_worth_threads(points.sites()))
   for (int slab = 0; slab < points.size[Dim - 1]; ++slab) {
     CellLanes<Dim, T> cells(velocity_lattice);
     const auto sample = [&](const Index<Dim>& index, int count, const LanePoints<Dim, T>& at, const T* velocity) {

@@ -2,14 +2,12 @@
 
 #include "core/grid/block_mask.h"
 #include "core/grid/cell_lanes.h"
+#include "core/support/thread_count.h"
 
 #include <algorithm>
 #include <array>
+#include <limits>
 #include <vector>
-
-#ifdef _OPENMP
-#include <omp.h>
-#endif
 
 namespace saltus {
 
@@ -23,6 +21,7 @@ class MovedPoints {
       : lattice_(lattice), where_(where), displacement_(displacement), place_(lattice, target) {}
 
   int chunks() const { return lattice_.size[Dim - 1]; }
+  std::size_t most() const { return lattice_.sites(); }  ///< points at most
   /// visit(first point, how many, their index coordinates) for pieces that follow each other.
   template <class Visit>
   void visit(int chunk, Visit&& visit) const {
@@ -33,6 +32,33 @@ class MovedPoints {
                     place_, index,
                     displacement_ ? lanes_of<Dim, T>(displacement_ + Dim * site, count) : LanePoints<Dim, T>{}));
         });
+  }
+  /// First and last plane of the target (last axis) that the cells of a chunk reach; all where a displacement is not a
+  /// number, none (last before first) where there is no point. From the displacements along that axis alone.
+  std::array<int, 2> reach(int chunk, const Lattice<Dim>& target) const {
+    constexpr T none = std::numeric_limits<T>::infinity();
+    T least = none, most = -none;
+    int odd = 0;
+    where_.visit_pieces(lattice_, chunk, lattice_.size[0], [&](const Index<Dim>&, std::size_t site, int count) {
+      if (!displacement_) least = std::min(least, T(0)), most = std::max(most, T(0));
+      const T* along = displacement_ ? displacement_ + Dim * site + Dim - 1 : nullptr;
+#pragma omp simd reduction(min : least) reduction(max : most) reduction(+ : odd)
+      for (int i = 0; i < (along ? count : 0); ++i) {
+        const T mm = along[Dim * i];
+        least = mm < least ? mm : least;
+        most = mm > most ? mm : most;
+        odd += mm != mm;
+      }
+    });
+    const int last = target.size[Dim - 1] - 1;
+    if (odd > 0) return {0, last + 1};
+    if (least > most) return {last + 1, -1};
+    const auto plane = [&](T mm) {
+      const T at = static_cast<T>(chunk * place_.scale[Dim - 1] + place_.shift[Dim - 1] +
+                                  static_cast<double>(mm) * place_.per_mm[Dim - 1]);
+      return std::min(static_cast<int>(std::clamp(at, T(0), static_cast<T>(last))), std::max(0, last - 1));
+    };
+    return {plane(least), plane(most) + 1};
   }
 
  private:
@@ -49,6 +75,7 @@ class ListedPoints {
   ListedPoints(std::size_t count, At at) : count_(count), at_(std::move(at)) {}
 
   int chunks() const { return static_cast<int>((count_ + kChunk - 1) / kChunk); }
+  std::size_t most() const { return count_; }
   template <class Visit>
   void visit(int chunk, Visit&& visit) const {
     const std::size_t begin = static_cast<std::size_t>(chunk) * kChunk, end = std::min(count_, begin + kChunk);
@@ -62,6 +89,18 @@ class ListedPoints {
       }
       visit(first, count, at);
     }
+  }
+  std::array<int, 2> reach(int chunk, const Lattice<Dim>& target) const {
+    std::array<int, 2> planes{target.size[Dim - 1], -1};
+    CellLanes<Dim, T> cells(target);
+    visit(chunk, [&](std::size_t, int count, const LanePoints<Dim, T>& at) {
+      cells.find(at);
+      for (int lane = 0; lane < count; ++lane) {
+        planes[0] = std::min(planes[0], cells.plane(lane));
+        planes[1] = std::max(planes[1], cells.plane(lane) + 1);
+      }
+    });
+    return planes;
   }
 
  private:
@@ -92,7 +131,7 @@ ListedPoints<Dim, T, At> listed_points(std::size_t count, At at) {
 template <int Dim, class T, class Points, class Visit>
 void for_cells(const Points& points, const Lattice<Dim>& target, Visit&& visit) {
   const int chunks = points.chunks();
-#pragma omp parallel for schedule(static)
+#pragma omp parallel for schedule(static) if (is_worth_threads(points.most()))
   for (int chunk = 0; chunk < chunks; ++chunk) {
     CellLanes<Dim, T> cells(target);
     points.visit(chunk, [&](std::size_t first, int count, const LanePoints<Dim, T>& at) {
@@ -111,27 +150,12 @@ void for_cells(const Points& points, const Lattice<Dim>& target, Visit&& visit) 
 template <int Channels, int Dim, class T, class Points, class Value, class Visit>
 void scatter(const Points& points, const Lattice<Dim>& target, Value&& value, T* to, Visit&& visit) {
   const int planes = target.size[Dim - 1], chunks = points.chunks();
-#ifdef _OPENMP
-  const int parts = std::max(1, std::min(planes, omp_get_max_threads()));
-#else
-  const int parts = 1;
-#endif
+  const int parts = std::max(1, std::min(planes, threads_worth(points.most())));
   // The planes that a chunk reaches, first and last.
   std::vector<std::array<int, 2>> reach(static_cast<std::size_t>(chunks), {0, planes});
   if (parts > 1) {
 #pragma omp parallel for schedule(static)
-    for (int chunk = 0; chunk < chunks; ++chunk) {
-      CellLanes<Dim, T> cells(target);
-      std::array<int, 2>& planes_of = reach[static_cast<std::size_t>(chunk)];
-      planes_of = {planes, -1};
-      points.visit(chunk, [&](std::size_t, int count, const LanePoints<Dim, T>& at) {
-        cells.find(at);
-        for (int lane = 0; lane < count; ++lane) {
-          planes_of[0] = std::min(planes_of[0], cells.plane(lane));
-          planes_of[1] = std::max(planes_of[1], cells.plane(lane) + 1);
-        }
-      });
-    }
+    for (int chunk = 0; chunk < chunks; ++chunk) reach[static_cast<std::size_t>(chunk)] = points.reach(chunk, target);
   }
 #pragma omp parallel for schedule(static, 1) num_threads(parts)
   for (int part = 0; part < parts; ++part) {

@@ -2,6 +2,7 @@
 
 #include "core/grid/interpolation.h"
 #include "core/grid/lattice.h"
+#include "core/support/thread_count.h"
 
 #include <algorithm>
 #include <numeric>
@@ -63,7 +64,7 @@ class BlockMask {
   /// within a slab of the last axis, slabs in parallel.
   template <class Visit>
   void for_runs(const Lattice<Dim>& lattice, Visit&& visit) const {
-#pragma omp parallel for schedule(static)
+#pragma omp parallel for schedule(static) if (is_worth_threads(lattice.sites()))
     for (int slab = 0; slab < lattice.size[Dim - 1]; ++slab) visit_slab_runs(lattice, slab, visit);
   }
 
@@ -72,7 +73,7 @@ class BlockMask {
   template <class Term>
   double sum_runs(const Lattice<Dim>& lattice, Term&& term) const {
     std::vector<double> by_slab(static_cast<std::size_t>(lattice.size[Dim - 1]), 0.0);
-#pragma omp parallel for schedule(static)
+#pragma omp parallel for schedule(static) if (is_worth_threads(lattice.sites()))
     for (int slab = 0; slab < lattice.size[Dim - 1]; ++slab)
       visit_slab_runs(lattice, slab, [&](std::size_t begin, std::size_t count) {
         by_slab[static_cast<std::size_t>(slab)] += term(begin, count);

@@ -1,4 +1,5 @@
 #include "core/grid/resampling.h"
+#include "core/support/thread_count.h"
 
 #include <algorithm>
 #include <cmath>
@@ -133,7 +134,7 @@ void LatticeInterpolation<Dim, T>::begin_transpose() {
 template <int Dim, class T>
 void LatticeInterpolation<Dim, T>::finish_transpose(T* source) const {
   const std::size_t from = static_cast<std::size_t>(source_.size[Dim - 1]);
-#pragma omp parallel for schedule(static)
+#pragma omp parallel for schedule(static) if (is_worth_threads(target_.sites()))
   for (std::size_t j = 0; j < from; ++j) {
     T* sum = source + j * source_plane_;
     std::fill_n(sum, source_plane_, T(0));
@@ -156,7 +157,7 @@ void LatticeInterpolation<Dim, T>::resize(const T* source, T* target) const {
     for (std::size_t i = 0; i < count; ++i) target[i] = (is_added ? target[i] : T(0)) + source[i];
     return;
   }
-#pragma omp parallel
+#pragma omp parallel if (is_worth_threads(target_.sites()))
   {
     Scratch scratch;
 #pragma omp for schedule(static)
@@ -187,7 +188,7 @@ void LatticeInterpolation<Dim, T>::transpose(const T* target, T* source) {
     return;
   }
   begin_transpose();
-#pragma omp parallel
+#pragma omp parallel if (is_worth_threads(target_.sites()))
   {
     Scratch scratch;
 #pragma omp for schedule(static)

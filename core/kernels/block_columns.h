@@ -2,6 +2,7 @@
 
 #include "core/grid/block_mask.h"
 #include "core/kernels/separable_convolution.h"
+#include "core/support/thread_count.h"
 
 #include <algorithm>
 
@@ -67,7 +68,7 @@ void for_block_columns(const Lattice<Dim>& lattice, int axis, int radius, Combin
   const int length = lattice.size[axis], column_blocks = out_at.blocks()[axis];
   const int low = axis == 0 ? 1 : 0, high = Dim == 3 ? (axis == 2 ? 1 : 2) : low;  // the axes across
   const int low_blocks = out_at.blocks()[low], high_blocks = Dim == 3 ? out_at.blocks()[high] : 1;
-#pragma omp parallel
+#pragma omp parallel if (is_worth_threads(lattice.sites()))
   {
     std::vector<T> source(static_cast<std::size_t>(length) * lanes), target(source.size());
 #pragma omp for schedule(static) collapse(2)

@@ -2,6 +2,7 @@
 
 #include "core/grid/lattice.h"
 #include "core/kernels/separable_convolution.h"
+#include "core/support/thread_count.h"
 
 #include <algorithm>
 #include <cstring>
@@ -68,8 +69,9 @@ void convolve_axis_directly(const Lattice<Dim>& lattice, int channels, int axis,
   for (int a = axis + 1; a < Dim; ++a) outer *= static_cast<std::size_t>(lattice.size[a]);
   const std::size_t slab = inner * count;
   const bool adds = combine == Combine::Add;
+  const bool in_parallel = is_worth_threads(lattice.sites());
   if (axis == 0) {
-#pragma omp parallel
+#pragma omp parallel if (in_parallel)
     {
       const std::size_t margin = radius * inner;
       std::vector<T> line(slab + 2 * margin, T(0));
@@ -86,7 +88,7 @@ void convolve_axis_directly(const Lattice<Dim>& lattice, int channels, int axis,
     return;
   }
   const std::size_t strips_a_slab = (inner + lanes - 1) / lanes;
-#pragma omp parallel
+#pragma omp parallel if (in_parallel)
   {
     std::vector<T> strip((count + 2 * radius) * lanes, T(0));
     T* rows = strip.data() + radius * lanes;

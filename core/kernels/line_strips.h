@@ -2,6 +2,7 @@
 
 #include "core/grid/lattice.h"
 #include "core/kernels/separable_convolution.h"
+#include "core/support/thread_count.h"
 
 #include <algorithm>
 #include <cstring>
@@ -69,7 +70,7 @@ void for_line_strips(const Lattice<Dim>& lattice, int channels, int axis, int ra
   const std::size_t strips_a_slab = (inner + kLanes<T> - 1) / kLanes<T>;
   const std::size_t strips = axis == 0 ? (outer + lines_a_strip - 1) / lines_a_strip : outer * strips_a_slab;
   const int widest = axis == 0 ? static_cast<int>(lines_a_strip) * channels : kLanes<T>;
-#pragma omp parallel
+#pragma omp parallel if (is_worth_threads(lattice.sites()))
   {
     std::vector<T> source(static_cast<std::size_t>(count) * kLanes<T>), target(source.size());
 #pragma omp for schedule(static)

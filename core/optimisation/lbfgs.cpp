@@ -2,6 +2,7 @@
 
 #include "core/support/errors.h"
 #include "core/support/reduction.h"
+#include "core/support/thread_count.h"
 
 #include <algorithm>
 #include <cmath>
@@ -23,7 +24,7 @@ double dot(const std::vector<T>& a, const std::vector<T>& b) {
 template <class T>
 void add_scaled(double factor, std::size_t count, const T* terms, T* sum) {
   const T f = static_cast<T>(factor);
-#pragma omp parallel for simd schedule(static)
+#pragma omp parallel for simd schedule(static) if (is_worth_threads(count))
   for (std::size_t i = 0; i < count; ++i) sum[i] += f * terms[i];
 }
 
@@ -35,7 +36,7 @@ void add_scaled(double factor, const std::vector<T>& terms, std::vector<T>& sum)
 template <class T>
 void scale_by(T factor, std::vector<T>& values) {
   const std::size_t count = values.size();
-#pragma omp parallel for simd schedule(static)
+#pragma omp parallel for simd schedule(static) if (is_worth_threads(count))
   for (std::size_t i = 0; i < count; ++i) values[i] *= factor;
 }
 
@@ -43,7 +44,7 @@ void scale_by(T factor, std::vector<T>& values) {
 template <class T>
 void make_change(const std::vector<T>& now, std::vector<T>& before) {
   const std::size_t count = before.size();
-#pragma omp parallel for simd schedule(static)
+#pragma omp parallel for simd schedule(static) if (is_worth_threads(count))
   for (std::size_t i = 0; i < count; ++i) before[i] = now[i] - before[i];
 }
 
@@ -58,7 +59,7 @@ double norm(const T* values, int count) {
 template <class Visit>
 void for_groups(const GroupSparsity& range, Visit&& visit) {
   const std::size_t groups = (range.end - range.begin) / static_cast<std::size_t>(range.group);
-#pragma omp parallel for schedule(static)
+#pragma omp parallel for schedule(static) if (is_worth_threads(groups))
   for (std::size_t g = 0; g < groups; ++g)
     visit(range.begin + g * static_cast<std::size_t>(range.group), range.weight_of(g));
 }

@@ -1,5 +1,7 @@
 #pragma once
 
+#include "core/support/thread_count.h"
+
 #include <algorithm>
 #include <cstddef>
 #include <vector>
@@ -13,7 +15,7 @@ double ordered_sum(std::size_t count, Term&& term) {
   constexpr std::size_t block = 4096, lanes = 16;
   const std::size_t blocks = (count + block - 1) / block;
   std::vector<double> partial(blocks);
-#pragma omp parallel for schedule(static)
+#pragma omp parallel for schedule(static) if (is_worth_threads(count))
   for (std::size_t b = 0; b < blocks; ++b) {
     double sums[lanes] = {};
     const std::size_t end = std::min(count, (b + 1) * block);

@@ -42,4 +42,7 @@ inline int threads_worth(std::size_t sites) {
 #endif
 }
 
+/// For `#pragma omp parallel if`: within a level there are lattices and loops that are worth one thread alone.
+inline bool is_worth_threads(std::size_t sites) { return threads_worth(sites) > 1; }
+
 }  // namespace saltus

@@ -3,6 +3,7 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
 #include <limits>
 
@@ -21,7 +22,11 @@ class Function final : public Objective<T> {
   std::size_t size() const override { return preconditioner.size(); }
   Evaluation evaluate(const std::vector<T>& x, std::vector<T>& gradient, std::vector<T>& preconditioned) override {
     const double value = evaluate_(x, gradient);
-    for (std::size_t i = 0; i < x.size(); ++i) preconditioned[i] = preconditioner[i] * gradient[i];
+    std::size_t dense = 0;  // outside the groups
+    for (std::size_t i = 0; i < x.size(); ++i)
+      if (std::none_of(groups.begin(), groups.end(), [i](const auto& range) { return i >= range.begin && i < range.end; }))
+        preconditioned[dense++] = preconditioner[i] * gradient[i];
+    EXPECT_EQ(dense, preconditioned.size());
     return {value, std::isfinite(value)};
   }
   double first_step(const std::vector<T>&) override { return step; }
@@ -523,6 +528,9 @@ TEST(Minimise, WalksInTheMetricOfThePreconditioner) {
   }
   auto raw = separable<double>(stiffness, centre), preconditioned = separable<double>(stiffness, centre);
   for (std::size_t i = 0; i < stiffness.size(); ++i) preconditioned.preconditioner[i] = 1 / stiffness[i];
+  // On ranges it is a number, wherever they lie and in whatever order they are named.
+  for (std::size_t at : {20, 7, 8})
+    preconditioned.groups.push_back({at, at + 1, 1, 0, preconditioned.preconditioner[at], {}});
   raw.step = 1e-6;
   std::vector<double> x(30, 0.0), y(30, 0.0);
   EXPECT_LE(minimise<double>(preconditioned, to_the_end(), x, go_on).iterations, 2);

@@ -23,7 +23,8 @@ class Valley final : public Objective<float> {
       gradient[i] += static_cast<float>(-2 * a - 40 * x[i] * b);
       gradient[i + 1] += static_cast<float>(20 * b);
     }
-    for (std::size_t i = 0; i < kSize; ++i) preconditioned[i] = 0.05f * gradient[i];
+    EXPECT_EQ(preconditioned.size(), kGroupsFrom);
+    for (std::size_t i = 0; i < kGroupsFrom; ++i) preconditioned[i] = 0.05f * gradient[i];
     return {value, std::isfinite(value)};
   }
   double first_step(const std::vector<float>&) override { return 0.01; }
@@ -32,8 +33,8 @@ class Valley final : public Objective<float> {
   int evaluations_left = 1 << 30;
 
  private:
-  static constexpr std::size_t kSize = 60;
-  std::vector<GroupSparsity> sparsity_ = {{20, 60, 2, 1.5, 0.05, {}}};
+  static constexpr std::size_t kSize = 60, kGroupsFrom = 20;
+  std::vector<GroupSparsity> sparsity_ = {{kGroupsFrom, kSize, 2, 1.5, 0.05, {}}};
 };
 
 MinimiseOptions options() {
