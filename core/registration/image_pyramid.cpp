@@ -97,7 +97,7 @@ ImagePyramid<Dim>::ImagePyramid(const RegistrationInput<Dim>& input, const Regis
 
 template <int Dim>
 double ImagePyramid<Dim>::level_noise(int level) const {
-  return noise_of_level(noise_, level, Dim);
+  return noise_of_level(noise_, fixed_lattice_, level_lattice(fixed_lattice_, level));
 }
 
 template <int Dim>

@@ -86,13 +86,6 @@ struct RegistrationOptions {
   int threads = 0;  ///< 0: all that the process may use
 };
 
-/// Replaces what is automatic (levels, scales, widths, what follows the noise) by what it means for images of this size
-/// and noise. Dim is 2 or 3; `reference_mm` is the finest spacing of the fixed image, `largest_axis` its largest extent
-/// in voxels of that size; `noise` is a standard deviation as a share of the intensity range. No noise asks for the
-/// most memory.
-RegistrationOptions resolved(const RegistrationOptions& options, int dimension, double reference_mm,
-                             double largest_axis, double noise = 0);
-
 RegistrationOptions default_options(Model model, SimilarityType similarity, Preset preset);
 
 /// One expert parameter, as `--set help` lists it.

@@ -76,12 +76,14 @@ TEST(KernelWidths, OfFirstOrdersAloneAreTheirOwn) {
   EXPECT_GT(first, 0);
 }
 
+const Lattice<3> kCube{{128, 128, 128}, {1, 1, 1}, {}};
+
 /// Width and widths of both orders when nothing but `name` is given, for images with that noise.
 std::string chosen(Model model, SimilarityType similarity, double noise, const char* name = nullptr,
                    const char* value = nullptr) {
   RegistrationOptions options = default_options(model, similarity, Preset::Accurate);  // to full resolution
   if (name) set_parameter(options, name, value);
-  const RegistrationOptions made = resolved(options, 3, 1, 128, noise), again = resolved(made, 3, 1, 128, noise);
+  const RegistrationOptions made = resolved(options, kCube, noise), again = resolved(made, kCube, noise);
   std::string text;
   for (const RegistrationOptions& once : {made, again}) {
     std::string found;
@@ -115,10 +117,23 @@ TEST(Noise, IsThatOfTheFinestLevel) {
   set_parameter(options, "finest_level", "1");
   const double asked = options.momenta.sparsity;
   // A voxel of that level averages eight, so that the noise there is 0.04, at which the weight is doubled.
-  const RegistrationOptions made = resolved(options, 3, 1, 128, 0.04 * std::sqrt(8.0));
+  const double noise = 0.04 * std::sqrt(8.0);
+  const RegistrationOptions made = resolved(options, kCube, noise);
   EXPECT_NEAR(made.momenta.sparsity, 2 * asked, 1e-12);
-  EXPECT_NEAR(resolved(made, 3, 1, 128, 0.04 * std::sqrt(8.0)).momenta.sparsity, 2 * asked, 1e-12);
-  EXPECT_EQ(resolved(options, 3, 1, 128, 0).momenta.sparsity, asked);
+  EXPECT_NEAR(resolved(made, kCube, noise).momenta.sparsity, 2 * asked, 1e-12);
+  EXPECT_EQ(resolved(options, kCube, 0).momenta.sparsity, asked);
+}
+
+// Slices of 5 mm are as they are on levels of 2 and 4 mm; nor are three slices coarsened, however thin.
+TEST(Noise, FallsOnlyAlongAxesThatTheLevelCoarsens) {
+  const Lattice<3> thick{{128, 128, 20}, {1, 1, 5}, {}}, few{{128, 128, 3}, {1, 1, 1}, {}};
+  for (const Lattice<3>& slices : {thick, few})
+    for (int level : {1, 2}) {
+      RegistrationOptions options = default_options(Model::Sliding, SimilarityType::Lncc, Preset::Balanced);
+      const double asked = options.momenta.sparsity;
+      set_parameter(options, "finest_level", std::to_string(level));
+      EXPECT_NEAR(resolved(options, slices, 0.04 * (1 << level)).momenta.sparsity, 2 * asked, 1e-12) << level;
+    }
 }
 
 TEST(KernelWidths, AWidthIsAtLeastAVoxel) {

@@ -105,7 +105,7 @@ TEST(Findings, CarryTheNoticesAndAnIncreaseOfDissimilarity) {
 TEST(Choices, ListWhatWasSetAndWhatWasFilledIn) {
   ReportScene<3> scene(3);
   set_parameter(scene.options, "regularisation", "0.5");
-  scene.result.options = resolved(scene.options, 3, 1, 40);
+  scene.result.options = resolved(scene.options, lattice_of(scene.images.fixed.grid));
   const auto all = choices(scene.report);
   EXPECT_THAT(all, Contains(AllOf(Field(&Choice::name, "regularisation"), Field(&Choice::value, "0.5"),
                                   Field(&Choice::is_set, true), Field(&Choice::why, HasSubstr("set by the job")))));
