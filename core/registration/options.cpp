@@ -30,6 +30,20 @@ Model parse_model(std::string_view text) { return value_of(kModels, "model", tex
 SimilarityType parse_similarity(std::string_view text) { return value_of(kSimilarities, "similarity", text); }
 Preset parse_preset(std::string_view text) { return value_of(kPresets, "preset", text); }
 
+bool is_zeroth_gaussian(Model model) {
+  return model == Model::Gaussian || model == Model::Sliding || model == Model::Auto;
+}
+
+bool may_have_first_order_alone(const RegistrationOptions& options) {
+  const RegistrationOptions::Momenta& m = options.momenta;
+  if (m.first_order_scales == 0) return false;
+  if (is_zeroth_gaussian(options.model) || m.first_order_finest_scale < m.finest_scale) return true;
+  // Order 1 goes no coarser than order 0 unless it begins there.
+  const bool is_known = m.finest_scale >= 0 && m.first_order_finest_scale >= 0 && m.scales > 0;
+  return is_known ? m.first_order_finest_scale >= m.finest_scale + m.scales
+                  : m.first_order_finest_scale != m.finest_scale;
+}
+
 RegistrationOptions default_options(Model model, SimilarityType similarity, Preset preset) {
   RegistrationOptions o;
   o.model = model;
@@ -68,7 +82,7 @@ RegistrationOptions default_options(Model model, SimilarityType similarity, Pres
   }
   const bool is_sliding = model == Model::Sliding || model == Model::Auto;
   // A Gaussian six samples wide needs every second one only (core/README.md, "Lattices").
-  if (model == Model::Gaussian || is_sliding) o.flow.coarsening = 1;
+  if (is_zeroth_gaussian(model)) o.flow.coarsening = 1;
   // The energy density is a squared intensity difference for ssd and about 1 for lncc. With d of the fixed image's
   // range for standard deviation, 1 - c of ncc is about ssd / (2 d^2): ten times ssd.
   switch (similarity) {

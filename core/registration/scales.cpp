@@ -60,8 +60,7 @@ RegistrationOptions resolved(const RegistrationOptions& options, const Lattice<D
   }
   if (o.momenta.width_voxels == 0) {
     o.momenta.width_voxels = 6;
-    const bool is_gaussian = o.model == Model::Gaussian || o.model == Model::Sliding || o.model == Model::Auto;
-    if (is_gaussian && o.similarity != SimilarityType::Ssd && o.momenta.kernel_widths.empty()) {
+    if (is_zeroth_gaussian(o.model) && o.similarity != SimilarityType::Ssd && o.momenta.kernel_widths.empty()) {
       const double fine = 0.7 / (1 + std::pow(finest_noise / kNoiseOfFineWidth, 2));
       o.momenta.kernel_widths = {{9, 1}};
       if (fine >= 0.01) o.momenta.kernel_widths.push_back({4, std::round(1000 * fine) / 1000});
@@ -94,8 +93,7 @@ std::vector<PlacedScale<Dim, T>> make_scales(const Lattice<Dim>& image, const Re
                                              const Field<double>& directions) {
   const RegistrationOptions::Momenta& momenta = options.momenta;
   const double reference = *std::min_element(image.spacing.begin(), image.spacing.end());
-  const bool gaussian =
-      options.model != Model::Wendland && options.model != Model::Wendland1 && options.model != Model::Directional;
+  const bool gaussian = is_zeroth_gaussian(options.model);
   const auto is_at = [](int q, int finest, int count) { return q >= finest && q < finest + count; };
   // Order 1 goes no coarser than order 0: what is smooth is order 0's part.
   const int coarsest = momenta.finest_scale + momenta.scales - 1;

@@ -1,8 +1,11 @@
 // The expert parameter kernel_widths, and that the scales are made of it.
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
+#include <utility>
 
+#include "core/registration/register_images.h"
 #include "core/registration/scales.h"
 #include "core/support/errors.h"
 
@@ -134,6 +137,83 @@ TEST(Noise, FallsOnlyAlongAxesThatTheLevelCoarsens) {
       set_parameter(options, "finest_level", std::to_string(level));
       EXPECT_NEAR(resolved(options, slices, 0.04 * (1 << level)).momenta.sparsity, 2 * asked, 1e-12) << level;
     }
+}
+
+/// What is said of first_order_kernel_widths with `model` and these settings; "" when they are taken.
+std::string refusal(Model model, const std::vector<std::pair<const char*, const char*>>& settings, bool is_resolved) {
+  RegistrationOptions options = default_options(model, SimilarityType::Lncc, Preset::Balanced);
+  set_parameter(options, "first_order_kernel_widths", "5:1,3:1");
+  for (const auto& [name, value] : settings) set_parameter(options, name, value);
+  if (is_resolved) options = resolved(options, kCube);  // whose finest level is 1, of 3
+  std::string all;
+  for (const std::string& one : problems(options)) all += one;
+  return all;
+}
+
+// Oracle: the scales that are made.
+TEST(KernelWidths, OfFirstOrdersAloneAreRefusedWhereNoScaleHasThem) {
+  struct Case {
+    Model model;
+    std::vector<std::pair<const char*, const char*>> settings;
+    bool is_known = true;  ///< without an image
+  };
+  const std::vector<Case> cases = {
+      {Model::Gaussian, {}},
+      {Model::Gaussian, {{"first_order_scales", "1"}}},
+      {Model::Sliding, {}},
+      {Model::Auto, {}},
+      {Model::Auto, {{"first_order_scales", "0"}}},
+      {Model::Wendland, {}},
+      {Model::Wendland, {{"first_order_scales", "1"}}},
+      {Model::Wendland1, {}},
+      {Model::Wendland1, {{"finest_scale", "2"}}},
+      {Model::Wendland1, {{"finest_scale", "1"}, {"first_order_finest_scale", "1"}}},
+      {Model::Wendland1, {{"finest_scale", "1"}}, false},
+      {Model::Wendland1, {{"finest_scale", "1"}, {"first_order_finest_scale", "2"}}, false},
+      {Model::Wendland1, {{"finest_scale", "1"}, {"first_order_finest_scale", "2"}, {"scales", "2"}}},
+      {Model::Wendland1, {{"finest_scale", "1"}, {"first_order_finest_scale", "3"}, {"scales", "2"}}},
+      {Model::Directional, {}},
+  };
+  for (const Case& one : cases) {
+    SCOPED_TRACE(to_string(one.model) + (one.settings.empty() ? "" : std::string(" ") + one.settings[0].first));
+    RegistrationOptions options = default_options(one.model, SimilarityType::Lncc, Preset::Balanced);
+    for (const auto& [name, value] : one.settings) set_parameter(options, name, value);
+    EXPECT_EQ(problems(options), std::vector<std::string>{}) << "it is not what is refused";
+    const Field<double> along(3 * kCube.sites(), std::sqrt(1.0 / 3));
+    const auto scales = make_scales<3, float>(kCube, resolved(options, kCube), along);
+    const bool is_used = std::any_of(scales.begin(), scales.end(), [](const auto& placed) {
+      return placed.scale->options().orders == Orders::First;
+    });
+    const std::string said = refusal(one.model, one.settings, true), before = refusal(one.model, one.settings, false);
+    EXPECT_EQ(before, one.is_known ? said : "");
+    EXPECT_EQ(said.empty(), is_used) << said;
+    if (is_used) continue;
+    EXPECT_EQ(said, "parameter first_order_kernel_widths is 5:1,3:1 and model " + to_string(one.model) +
+                        " has no scale of order 1 alone, which it is for; set it to none, or choose model sliding or "
+                        "auto with first_order_scales above 0");
+  }
+}
+
+// What depends on the image is said when it is there, before any work.
+TEST(KernelWidths, OfFirstOrdersAloneAreRefusedWithTheImage) {
+  RegistrationInput<2> input;
+  ImageGrid<2> grid;
+  grid.size = {40, 40};
+  input.fixed = input.moving = Volume<2>(grid);
+  input.moving.samples[7] = input.fixed.samples[8] = 1;
+  RegistrationOptions options = default_options(Model::Wendland1, SimilarityType::Ssd, Preset::Balanced);
+  set_parameter(options, "first_order_kernel_widths", "5:1");
+  set_parameter(options, "finest_scale", "0");
+  ASSERT_TRUE(problems(options).empty());
+  try {
+    register_images<2>(input, options, [](const Progress&) {
+      ADD_FAILURE() << "work began";
+      return ProgressAnswer::Stop;
+    });
+    ADD_FAILURE() << "accepted";
+  } catch (const InvalidInput& error) {
+    EXPECT_NE(std::string(error.what()).find("first_order_kernel_widths is 5:1"), std::string::npos) << error.what();
+  }
 }
 
 TEST(KernelWidths, AWidthIsAtLeastAVoxel) {
