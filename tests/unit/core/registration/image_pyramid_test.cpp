@@ -48,8 +48,7 @@ TEST(ImagePyramid, TrustsSsdTheMoreTheLessNoiseALevelHas) {
   EXPECT_EQ(pyramid.similarity_weight(0), pyramid.level(0).similarity_weight);
 }
 
-// Lines 3 mm apart stay as they are on the level of 2 mm and on that of 4: each averages 2 samples more, along the
-// other axis.
+// Lines 3 mm apart stay as they are on the levels of 2 and 4 mm, whose samples average two and four along the lines.
 TEST(ImagePyramid, CountsOnlyTheSamplesThatALevelAverages) {
   Noisy scene(0, SimilarityType::Ssd, 3);
   scene.options.similarity_parameters.noise = 2 * scene.options.similarity_parameters.ssd_residual;
