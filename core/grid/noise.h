@@ -13,9 +13,12 @@ namespace saltus {
 template <int Dim, class T>
 double noise_sd(const Lattice<Dim>& lattice, const T* samples, const T* weights);
 
-/// Noise of an image's pyramid level: a sample of it averages about 2^level samples along each axis.
-inline double noise_of_level(double noise, int level, int dimension) {
-  return noise * std::exp2(-0.5 * level * dimension);
+/// Noise of an image that is sampled again on the lattice `level` of its pyramid: a sample there averages about as many
+/// of the image's as its cell is larger, and the noise falls with the root of that number. Axes that are not coarsened
+/// add nothing to it.
+template <int Dim>
+double noise_of_level(double noise, const Lattice<Dim>& image, const Lattice<Dim>& level) {
+  return noise * std::sqrt(image.cell_volume() / level.cell_volume());
 }
 
 /// Linear interpolation half way between samples averages noise away, so that a sum of squares prefers displacements

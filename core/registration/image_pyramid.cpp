@@ -98,7 +98,7 @@ std::vector<float> ImagePyramid<Dim>::scaled(const Volume<Dim>& image, const std
 
 template <int Dim>
 double ImagePyramid<Dim>::level_noise(int level) const {
-  return noise_of_level(noise_, level, Dim);
+  return noise_of_level(noise_, fixed_lattice_, level_lattice(fixed_lattice_, level));
 }
 
 template <int Dim>

@@ -1,6 +1,5 @@
 #include "core/registration/options.h"
 
-#include "core/grid/noise.h"
 #include "core/registration/names.h"
 
 #include <algorithm>
@@ -17,9 +16,6 @@ const Names<SimilarityType> kSimilarities = {{SimilarityType::Ssd, "ssd"},   {Si
                                              {SimilarityType::Ngf, "ngf"},   {SimilarityType::Mind, "mind"}};
 const Names<Preset> kPresets = {{Preset::Fast, "fast"}, {Preset::Balanced, "balanced"}, {Preset::Accurate, "accurate"}};
 
-/// At which the narrower width of order 0 counts half; measured, core/README.md, "Widths".
-constexpr double kNoiseOfFineWidth = 0.015;
-
 }  // namespace
 
 std::vector<Model> all_models() { return values_of(kModels); }
@@ -34,54 +30,18 @@ Model parse_model(std::string_view text) { return value_of(kModels, "model", tex
 SimilarityType parse_similarity(std::string_view text) { return value_of(kSimilarities, "similarity", text); }
 Preset parse_preset(std::string_view text) { return value_of(kPresets, "preset", text); }
 
-RegistrationOptions resolved(const RegistrationOptions& options, int dimension, double reference_mm,
-                             double largest_axis, double noise) {
-  RegistrationOptions o = options;
-  if (o.pyramid.finest_level < 0) {
-    o.pyramid.finest_level = 0;
-    if (dimension == 3) switch (o.preset) {
-        // Voxels of 3 to 4 mm still show vessels and the surfaces of organs, wider ones do not.
-        case Preset::Fast:
-          o.pyramid.finest_level = 4 * reference_mm <= 4 ? 2 : 2 * reference_mm <= 4 ? 1 : 0;
-          break;
-        case Preset::Balanced:
-          o.pyramid.finest_level = 2 * reference_mm <= 3 ? 1 : 0;
-          break;
-        case Preset::Accurate:
-          break;
-      }
-    if (o.pyramid.levels > 0) o.pyramid.finest_level = std::min(o.pyramid.finest_level, o.pyramid.levels - 1);
-  }
-  const int finest = o.pyramid.finest_level;
-  if (o.pyramid.levels == 0) {
-    int levels = 1;
-    while (levels < 8 && largest_axis / (1 << (levels - 1)) >= 32) ++levels;
-    o.pyramid.levels = std::max(levels, finest + 1);
-  }
-  const double finest_noise = noise_of_level(noise, finest, dimension);
-  if (o.momenta.finest_scale < 0)
-    o.momenta.finest_scale = std::min(finest - 1 - o.momenta.finest_scale, o.pyramid.levels - 1);
-  if (o.momenta.first_order_finest_scale < 0) o.momenta.first_order_finest_scale = finest;
-  if (o.momenta.orientations < 0) {
-    const bool can = o.momenta.first_order_scales > 0 && o.model != Model::Directional && o.momenta.sparsity > 0 &&
-                     o.flow.evolution == Evolution::Carried;
-    o.momenta.orientations = can ? (dimension == 2 ? 8 : 9) : 0;
-  }
-  if (o.momenta.width_voxels == 0) {
-    o.momenta.width_voxels = 6;
-    const bool is_gaussian = o.model == Model::Gaussian || o.model == Model::Sliding || o.model == Model::Auto;
-    if (is_gaussian && o.similarity != SimilarityType::Ssd && o.momenta.kernel_widths.empty()) {
-      const double fine = 0.7 / (1 + std::pow(finest_noise / kNoiseOfFineWidth, 2));
-      o.momenta.kernel_widths = {{9, 1}};
-      if (fine >= 0.01) o.momenta.kernel_widths.push_back({4, std::round(1000 * fine) / 1000});
-    }
-  }
-  if (o.momenta.sparsity_noise > 0) {
-    o.momenta.sparsity *= 1 + finest_noise / o.momenta.sparsity_noise;
-    o.momenta.sparsity_noise = 0;  // it has been followed
-  }
-  if (o.momenta.scales == 0) o.momenta.scales = std::max(1, o.pyramid.levels - o.momenta.finest_scale);
-  return o;
+bool is_zeroth_gaussian(Model model) {
+  return model == Model::Gaussian || model == Model::Sliding || model == Model::Auto;
+}
+
+bool may_have_first_order_alone(const RegistrationOptions& options) {
+  const RegistrationOptions::Momenta& m = options.momenta;
+  if (m.first_order_scales == 0) return false;
+  if (is_zeroth_gaussian(options.model) || m.first_order_finest_scale < m.finest_scale) return true;
+  // Order 1 goes no coarser than order 0 unless it begins there.
+  const bool is_known = m.finest_scale >= 0 && m.first_order_finest_scale >= 0 && m.scales > 0;
+  return is_known ? m.first_order_finest_scale >= m.finest_scale + m.scales
+                  : m.first_order_finest_scale != m.finest_scale;
 }
 
 RegistrationOptions default_options(Model model, SimilarityType similarity, Preset preset) {
@@ -122,7 +82,7 @@ RegistrationOptions default_options(Model model, SimilarityType similarity, Pres
   }
   const bool is_sliding = model == Model::Sliding || model == Model::Auto;
   // A Gaussian six samples wide needs every second one only (core/README.md, "Lattices").
-  if (model == Model::Gaussian || is_sliding) o.flow.coarsening = 1;
+  if (is_zeroth_gaussian(model)) o.flow.coarsening = 1;
   // The energy density is a squared intensity difference for ssd and about 1 for lncc. With d of the fixed image's
   // range for standard deviation, 1 - c of ncc is about ssd / (2 d^2): ten times ssd.
   switch (similarity) {

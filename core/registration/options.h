@@ -39,8 +39,8 @@ struct RegistrationOptions {
     double width_voxels = 0;  ///< kernel width sigma, in reference voxels of each momentum scale; 0: 6, and sums of
                               ///< widths where they are better for model, similarity and noise (core/README.md)
     std::vector<KernelWidth> kernel_widths;  ///< kernel of the scales that have order 0 as a sum of widths; empty:
-                                             ///< width_voxels
-    std::vector<KernelWidth> first_order_kernel_widths;  ///< the same for the scales of order 1 alone
+                                             ///< width_voxels, and where that is 0 what it stands for
+    std::vector<KernelWidth> first_order_kernel_widths;  ///< of the scales of order 1 alone; empty: width_voxels
     int scales = 0;         ///< number of order-0 scales, each twice as wide as the next; 0: one a level
     int finest_scale = -1;  ///< q: the finest order-0 scale has 2^q reference voxels; -1: that of the finest level,
                             ///< -2: the next coarser
@@ -86,14 +86,14 @@ struct RegistrationOptions {
   int threads = 0;  ///< 0: all that the process may use
 };
 
-/// Replaces what is automatic (levels, scales, widths, what follows the noise) by what it means for images of this size
-/// and noise. Dim is 2 or 3; `reference_mm` is the finest spacing of the fixed image, `largest_axis` its largest extent
-/// in voxels of that size; `noise` is a standard deviation as a share of the intensity range. No noise asks for the
-/// most memory.
-RegistrationOptions resolved(const RegistrationOptions& options, int dimension, double reference_mm,
-                             double largest_axis, double noise = 0);
-
 RegistrationOptions default_options(Model model, SimilarityType similarity, Preset preset);
+
+/// Whether the kernel of order 0 is Gaussian: order 1 then has a kernel, and so scales, of its own.
+bool is_zeroth_gaussian(Model model);
+
+/// Whether there may be a scale of order 1 alone, whose kernel first_order_kernel_widths is of. Said for certain of
+/// options that are resolved; of others true where that depends on the image.
+bool may_have_first_order_alone(const RegistrationOptions& options);
 
 /// One expert parameter, as `--set help` lists it.
 struct ParameterInfo {

@@ -223,16 +223,19 @@ const std::vector<Parameter>& parameters() {
           [](O & o) -> auto& { return o.pyramid.finest_level; }),
       real_or_zero(
           "width_voxels", "voxels of the scale", 1, 64,
-          "kernel width sigma of every scale; 0: 6, or the sum of widths that suits model, similarity and noise",
+          "kernel width sigma of every scale that no sum of widths is given for; 0: 6, or with order 0 the sum of "
+          "widths that suits model, similarity and noise",
           [](O & o) -> auto& { return o.momenta.width_voxels; }),
       kernel_widths(
           "kernel_widths", "voxels of the scale",
           "the kernel of scales with order 0 as a weighted sum of widths, in place of width_voxels; 6:1,12:0.5 is two "
-          "thirds of width 6 and one of 12; each width costs as much as the first; none: width_voxels",
+          "thirds of width 6 and one of 12; each width costs as much as the first; none: width_voxels, and where that "
+          "is 0 what it stands for",
           [](O & o) -> auto& { return o.momenta.kernel_widths; }),
       kernel_widths(
           "first_order_kernel_widths", "voxels of the scale",
-          "as kernel_widths, for scales of order 1 that have a kernel of their own (models sliding and auto)",
+          "as kernel_widths, for scales of order 1 that have a kernel of their own (models sliding and auto); none: "
+          "width_voxels",
           [](O & o) -> auto& { return o.momenta.first_order_kernel_widths; }),
       integer(
           "scales", "", 0, 8, "number of order-0 scales, each twice as wide as the next finer; 0: one a level",
@@ -261,8 +264,7 @@ const std::vector<Parameter>& parameters() {
       real(
           "sparsity_noise", "intensity range", 0, Lower::Inclusive, 1,
           "sparsity counts 1 + (standard deviation of the noise on the finest level) / this times, twice at this "
-          "noise; "
-          "0: it does not follow the noise",
+          "noise; 0: it does not follow the noise",
           [](O & o) -> auto& { return o.momenta.sparsity_noise; }),
       integer(
           "sparsity_path", "", 1, 12, "weights that a level goes through, each half the one before, down to sparsity",
@@ -330,7 +332,9 @@ const std::vector<Parameter>& parameters() {
           [](O & o) -> auto& { return o.similarity_parameters.weight; }),
       real(
           "noise", "intensity range", -1, Lower::Inclusive, 1,
-          "standard deviation of the images' noise; -1: estimated from the images",
+          "standard deviation of the images' noise, which the smoothing of both images, the weight of ssd, the kernel "
+          "widths chosen for other similarities and sparsity (as sparsity_noise says) follow; -1: estimated from the "
+          "images",
           [](O & o) -> auto& { return o.similarity_parameters.noise; }),
       real(
           "ssd_residual", "intensity range", 0, Lower::Exclusive, inf,
@@ -421,6 +425,11 @@ std::vector<std::string> problems(const RegistrationOptions& options) {
     if (options.flow.evolution != Evolution::Carried)
       found.push_back(given + " and evolution is not carried; oriented momenta know no other, set it to carried");
   }
+  if (!options.momenta.first_order_kernel_widths.empty() && !may_have_first_order_alone(options))
+    found.push_back("parameter first_order_kernel_widths is " + format(options.momenta.first_order_kernel_widths) +
+                    " and model " + to_string(options.model) +
+                    " has no scale of order 1 alone, which it is for; set it to none, or choose model sliding or auto "
+                    "with first_order_scales above 0");
   if (options.threads < 0) found.push_back("threads is " + std::to_string(options.threads) + "; it must be 0 or more");
   return found;
 }

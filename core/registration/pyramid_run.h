@@ -30,6 +30,8 @@ class PyramidRun {
   /// job.
   PyramidRun(const RegistrationInput<Dim>& input, const RegistrationOptions& asked, const Field<double>& directions,
              bool is_blank, const ProgressCallback& progress, const Checkpointing& checkpointing);
+  PyramidRun(const PyramidRun&) = delete;  // its pyramid refers to its options
+  PyramidRun& operator=(const PyramidRun&) = delete;
 
   /// Until the finest level has ended or the callback asks to stop. Once only.
   void run();

@@ -16,6 +16,11 @@
 namespace saltus {
 namespace {
 
+void check_options(const RegistrationOptions& options) {
+  const std::vector<std::string> wrong = problems(options);
+  if (!wrong.empty()) throw InvalidInput(wrong.front());
+}
+
 /// Largest |H(t) - H(0)| / H(0).
 double drift_of(const std::vector<double>& energies) {
   double drift = 0;
@@ -30,8 +35,8 @@ template <int Dim>
 RegistrationResult<Dim> register_images(const RegistrationInput<Dim>& input, const RegistrationOptions& asked,
                                         const ProgressCallback& progress, const Checkpointing& checkpointing) {
   check_input(input);
-  const std::vector<std::string> wrong = problems(asked);
-  if (!wrong.empty()) throw InvalidInput(wrong.front());
+  check_options(asked);
+  check_options(resolved(asked, lattice_of(input.fixed.grid)));  // some of it can be said of an image only
   const Field<double> directions = frame_directions(input, asked);
   check_points(input.fixed_points);
   const ThreadCount threads(asked.threads);

@@ -1,5 +1,6 @@
 #include "core/registration/scales.h"
 
+#include "core/grid/noise.h"
 #include "core/momenta/directional_momentum.h"
 #include "core/momenta/spread_normals.h"
 
@@ -7,6 +8,12 @@
 #include <cmath>
 
 namespace saltus {
+namespace {
+
+/// At which the narrower width of order 0 counts half; measured, core/README.md, "Widths".
+constexpr double kNoiseOfFineWidth = 0.015;
+
+}  // namespace
 
 template <int Dim>
 Lattice<Dim> level_lattice(const Lattice<Dim>& image, int level) {
@@ -16,11 +23,55 @@ Lattice<Dim> level_lattice(const Lattice<Dim>& image, int level) {
 
 template <int Dim>
 RegistrationOptions resolved(const RegistrationOptions& options, const Lattice<Dim>& image, double noise) {
-  const double reference = *std::min_element(image.spacing.begin(), image.spacing.end());
-  double largest = 0;
+  const double reference_mm = *std::min_element(image.spacing.begin(), image.spacing.end());
+  double largest_axis = 0;  // in reference voxels
   for (int axis = 0; axis < Dim; ++axis)
-    largest = std::max(largest, image.size[axis] * image.spacing[axis] / reference);
-  return resolved(options, Dim, reference, largest, noise);
+    largest_axis = std::max(largest_axis, image.size[axis] * image.spacing[axis] / reference_mm);
+  RegistrationOptions o = options;
+  if (o.pyramid.finest_level < 0) {
+    o.pyramid.finest_level = 0;
+    if (Dim == 3) switch (o.preset) {
+        // Voxels of 3 to 4 mm still show vessels and the surfaces of organs, wider ones do not.
+        case Preset::Fast:
+          o.pyramid.finest_level = 4 * reference_mm <= 4 ? 2 : 2 * reference_mm <= 4 ? 1 : 0;
+          break;
+        case Preset::Balanced:
+          o.pyramid.finest_level = 2 * reference_mm <= 3 ? 1 : 0;
+          break;
+        case Preset::Accurate:
+          break;
+      }
+    if (o.pyramid.levels > 0) o.pyramid.finest_level = std::min(o.pyramid.finest_level, o.pyramid.levels - 1);
+  }
+  const int finest = o.pyramid.finest_level;
+  if (o.pyramid.levels == 0) {
+    int levels = 1;
+    while (levels < 8 && largest_axis / (1 << (levels - 1)) >= 32) ++levels;
+    o.pyramid.levels = std::max(levels, finest + 1);
+  }
+  const double finest_noise = noise_of_level(noise, image, level_lattice(image, finest));
+  if (o.momenta.finest_scale < 0)
+    o.momenta.finest_scale = std::min(finest - 1 - o.momenta.finest_scale, o.pyramid.levels - 1);
+  if (o.momenta.first_order_finest_scale < 0) o.momenta.first_order_finest_scale = finest;
+  if (o.momenta.orientations < 0) {
+    const bool can = o.momenta.first_order_scales > 0 && o.model != Model::Directional && o.momenta.sparsity > 0 &&
+                     o.flow.evolution == Evolution::Carried;
+    o.momenta.orientations = can ? (Dim == 2 ? 8 : 9) : 0;
+  }
+  if (o.momenta.width_voxels == 0) {
+    o.momenta.width_voxels = 6;
+    if (is_zeroth_gaussian(o.model) && o.similarity != SimilarityType::Ssd && o.momenta.kernel_widths.empty()) {
+      const double fine = 0.7 / (1 + std::pow(finest_noise / kNoiseOfFineWidth, 2));
+      o.momenta.kernel_widths = {{9, 1}};
+      if (fine >= 0.01) o.momenta.kernel_widths.push_back({4, std::round(1000 * fine) / 1000});
+    }
+  }
+  if (o.momenta.sparsity_noise > 0) {
+    o.momenta.sparsity *= 1 + finest_noise / o.momenta.sparsity_noise;
+    o.momenta.sparsity_noise = 0;  // it has been followed
+  }
+  if (o.momenta.scales == 0) o.momenta.scales = std::max(1, o.pyramid.levels - o.momenta.finest_scale);
+  return o;
 }
 
 namespace {
@@ -42,8 +93,7 @@ std::vector<PlacedScale<Dim, T>> make_scales(const Lattice<Dim>& image, const Re
                                              const Field<double>& directions) {
   const RegistrationOptions::Momenta& momenta = options.momenta;
   const double reference = *std::min_element(image.spacing.begin(), image.spacing.end());
-  const bool gaussian =
-      options.model != Model::Wendland && options.model != Model::Wendland1 && options.model != Model::Directional;
+  const bool gaussian = is_zeroth_gaussian(options.model);
   const auto is_at = [](int q, int finest, int count) { return q >= finest && q < finest + count; };
   // Order 1 goes no coarser than order 0: what is smooth is order 0's part.
   const int coarsest = momenta.finest_scale + momenta.scales - 1;

@@ -20,7 +20,9 @@ struct PlacedScale {
 template <int Dim>
 Lattice<Dim> level_lattice(const Lattice<Dim>& image, int level);
 
-/// The options with everything automatic filled in for this image and noise.
+/// Replaces what is automatic (levels, scales, widths, what follows the noise) by what it means for a fixed image on
+/// this lattice and its noise, a standard deviation as a share of the intensity range. What is resolved stays as it is
+/// when resolved again. No noise asks for the most memory.
 template <int Dim>
 RegistrationOptions resolved(const RegistrationOptions& options, const Lattice<Dim>& image, double noise = 0);
 

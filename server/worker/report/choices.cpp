@@ -20,6 +20,18 @@ RegistrationOptions defaults_of(const RegistrationOptions& options) {
   return default_options(options.model, options.similarity, options.preset);
 }
 
+/// Which kinds of scales have a kernel of width_voxels, not a sum of widths. A kind that is not there counts as the
+/// other.
+struct ScalesOfOneWidth {
+  bool with_zeroth = false, of_first_alone = false;
+};
+
+ScalesOfOneWidth scales_of_one_width(const RegistrationOptions& resolved) {
+  const RegistrationOptions::Momenta& momenta = resolved.momenta;
+  const bool zeroth = momenta.kernel_widths.empty();
+  return {zeroth, may_have_first_order_alone(resolved) ? momenta.first_order_kernel_widths.empty() : zeroth};
+}
+
 template <int Dim>
 std::string measured_from(const std::string& name, const ReportInput<Dim>& input) {
   const ImageGrid<Dim>& grid = input.input->fixed.grid;
@@ -32,8 +44,14 @@ std::string measured_from(const std::string& name, const ReportInput<Dim>& input
                : "from the preset " + to_string(input.options->preset) +
                      " for 3-D images (fast at most 2 with voxels of 4 mm, balanced at most 1 with 3 mm, accurate 0)";
   if (name == "orientations") return "8 in 2-D and 9 in 3-D, where the other parameters allow for them";
-  if (name == "width_voxels" || name == "kernel_widths" || name == "first_order_kernel_widths")
-    return "from the model, the similarity and the noise on the finest level";
+  if (name == "width_voxels") {
+    const auto [zeroth, first] = scales_of_one_width(input.result->options);
+    return std::string(zeroth && first ? "of all scales"
+                       : zeroth        ? "of the scales with order 0"
+                                       : "of the scales of order 1 alone") +
+           ", from the model and the similarity";
+  }
+  if (name == "kernel_widths") return "from the model, the similarity and the noise on the finest level";
   if (name == "sparsity") return "from the noise on the finest level (sparsity_noise)";
   return "from the levels";
 }
@@ -43,12 +61,15 @@ std::string measured_from(const std::string& name, const ReportInput<Dim>& input
 template <int Dim>
 std::vector<Choice> choices(const ReportInput<Dim>& input) {
   const auto defaults = values_of(defaults_of(*input.options)), used = values_of(input.result->options);
+  const auto [with_zeroth, of_first_alone] = scales_of_one_width(input.result->options);
+  const bool has_one_width = with_zeroth || of_first_alone;
   std::vector<Choice> found;
   for (const ParameterInfo& asked : list_parameters(*input.options)) {
     const auto in_use = used.find(asked.name), by_default = defaults.find(asked.name);
     const bool is_set = by_default != defaults.end() && by_default->second != asked.value;
     const bool is_filled_in = in_use != used.end() && in_use->second != asked.value;
     if (asked.name == "sparsity_noise" && !is_set) continue;  // what follows it says so
+    if (asked.name == "width_voxels" && !is_set && !has_one_width) continue;
     if (is_set)
       found.push_back(
           {asked.name, asked.value, asked.unit, "set by the job; the default is " + by_default->second, true});
@@ -58,9 +79,12 @@ std::vector<Choice> choices(const ReportInput<Dim>& input) {
       found.push_back({asked.name, in_use->second, asked.unit, measured_from(asked.name, input), false});
   }
   const RegistrationSummary& summary = input.result->summary;
-  if (summary.noise > 0)
-    found.push_back(
-        {"noise", percentage(summary.noise), "", "measured in the images, of the fixed image's range", false});
+  if (summary.noise > 0 && input.options->similarity_parameters.noise < 0)
+    found.push_back({"noise", percentage(summary.noise), "",
+                     std::string("measured in the images, of ") +
+                         (input.options->similarity == SimilarityType::Ssd ? "the fixed image's" : "each one's own") +
+                         " range",
+                     false});
   for (const LevelSummary& level : summary.levels) {
     const std::string where = "level " + std::to_string(level.level) + ": ";
     if (level.smoothing_voxels > 0)

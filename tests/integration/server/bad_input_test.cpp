@@ -81,6 +81,12 @@ const std::vector<Case>& cases() {
          (*r.mutable_spec()->mutable_settings())["finest_level"] = "4";
        },
        {"finest_level is 4", "less than levels"}},
+      {"setting that the model has no use for",
+       [](Request& r) {
+         r.mutable_spec()->set_model("wendland1");
+         (*r.mutable_spec()->mutable_settings())["first_order_kernel_widths"] = "5:1";
+       },
+       {"first_order_kernel_widths is 5:1", "wendland1", "set it to none"}},
       {"affine",
        [](Request& r) { r.mutable_spec()->set_affine(static_cast<v1::AffineStart>(9)); },
        {"spec.affine is 9", "rigid"}},

@@ -5,6 +5,7 @@
 #include "core/evaluation/field_error.h"
 #include "core/phantom/make_phantom.h"
 #include "core/registration/register_images.h"
+#include "core/registration/scales.h"
 
 namespace saltus {
 namespace {
@@ -97,7 +98,7 @@ TEST(AutoModel, MeasuresTheNoiseThatWidthsAndSparsityFollow) {
   input.moving = phantom.moving;
   const RegistrationResult<2> result = register_images<2>(input, options);
   ASSERT_GT(result.summary.noise, 0.01);
-  const RegistrationOptions expected = resolved(options, 2, 1, 64, result.summary.noise);
+  const RegistrationOptions expected = resolved(options, lattice_of(input.fixed.grid), result.summary.noise);
   ASSERT_EQ(result.options.momenta.kernel_widths.size(), 2u);
   EXPECT_EQ(result.options.momenta.kernel_widths[1].weight, expected.momenta.kernel_widths[1].weight);
   EXPECT_LT(result.options.momenta.kernel_widths[1].weight, 0.35);
@@ -132,11 +133,13 @@ TEST(AutoModel, OrientsMomentaWhereTheInterfaceIsOblique) {
 
 TEST(AutoModel, HasNoOrientedMomentaWhereTheyCannotBe) {
   RegistrationOptions options = default_options(Model::Auto, SimilarityType::Ssd, Preset::Balanced);
-  EXPECT_EQ(resolved(options, 2, 1, 128).momenta.orientations, 8);
-  EXPECT_EQ(resolved(options, 3, 1, 128).momenta.orientations, 9);
+  const Lattice<2> plane{{128, 128}, {1, 1}, {}};
+  const Lattice<3> cube{{128, 128, 128}, {1, 1, 1}, {}};
+  EXPECT_EQ(resolved(options, plane).momenta.orientations, 8);
+  EXPECT_EQ(resolved(options, cube).momenta.orientations, 9);
   options.flow.evolution = Evolution::Exact;
   EXPECT_TRUE(problems(options).empty());
-  EXPECT_EQ(resolved(options, 2, 1, 128).momenta.orientations, 0);
+  EXPECT_EQ(resolved(options, plane).momenta.orientations, 0);
 }
 
 // Blocks may have been asked for on the coarser level without one joining: the finer one begins with order 0 alone.

@@ -4,6 +4,8 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <algorithm>
+
 #include "core/registration/register_images.h"
 #include "core/support/errors.h"
 #include "tests/support/analytic_scene.h"
@@ -92,6 +94,24 @@ TEST(Checkpoint, ResumesInAnyRoundWithTheSameEnd) {
   options.momenta.sparsity_path = 2;
   options.momenta.reweighted_rounds = 1;
   options.momenta.debias = true;
+  resumes_anywhere<2>(plane(), options);
+}
+
+// With lncc as it is by default: kernels are sums of widths, whose shares follow the noise, and the weights of the last
+// round come from the momenta of the one before.
+TEST(Checkpoint, ResumesInAReweightedRoundWithSumsOfWidthsWithTheSameEnd) {
+  RegistrationOptions options = default_options(Model::Sliding, SimilarityType::Lncc, Preset::Balanced);
+  options.pyramid.levels = 2;
+  options.pyramid.finest_level = 0;
+  options.momenta.sparsity = 1e-3;
+  options.optimisation.max_iterations = 6;
+  options.optimisation.tolerance = options.optimisation.optimality_tolerance = 0;
+  const RegistrationResult<2> whole = register_images<2>(plane(), options);
+  ASSERT_EQ(whole.options.momenta.kernel_widths.size(), 2u);
+  ASSERT_EQ(whole.summary.levels.back().rounds, 3);
+  ASSERT_GT(whole.summary.levels.back().active_block_share, 0);
+  const auto is_in_last_round = [](const IterationRecord& step) { return step.level == 2 && step.round == 3; };
+  ASSERT_GT(std::count_if(whole.summary.history.begin(), whole.summary.history.end(), is_in_last_round), 2);
   resumes_anywhere<2>(plane(), options);
 }
 

@@ -16,9 +16,10 @@ struct Noisy {
   RegistrationInput<2> input;
   RegistrationOptions options;
 
-  Noisy(double noise, SimilarityType similarity) {
+  Noisy(double noise, SimilarityType similarity, double spacing_y = 1) {
     ImageGrid<2> grid;
     grid.size = {96, 96};
+    grid.spacing[1] = spacing_y;
     std::mt19937 random(5);
     std::normal_distribution<double> normal;
     for (Volume<2>* image : {&input.fixed, &input.moving}) {
@@ -45,6 +46,16 @@ TEST(ImagePyramid, TrustsSsdTheMoreTheLessNoiseALevelHas) {
   }
   EXPECT_EQ(pyramid.full_resolution().similarity_weight, pyramid.level(0).similarity_weight);
   EXPECT_EQ(pyramid.similarity_weight(0), pyramid.level(0).similarity_weight);
+}
+
+// Lines 3 mm apart stay as they are on the levels of 2 and 4 mm, whose samples average two and four along the lines.
+TEST(ImagePyramid, CountsOnlyTheSamplesThatALevelAverages) {
+  Noisy scene(0, SimilarityType::Ssd, 3);
+  scene.options.similarity_parameters.noise = 2 * scene.options.similarity_parameters.ssd_residual;
+  const ImagePyramid<2> pyramid(scene.input, scene.options);
+  for (const auto& [level, share] : {std::pair{0, 1.0 / 5}, {1, 1.0 / 3}, {2, 1.0 / 2}})
+    EXPECT_NEAR(pyramid.similarity_weight(level), share * scene.options.similarity_parameters.weight, 1e-12) << level;
+  EXPECT_GT(pyramid.smoothing_voxels(0), pyramid.smoothing_voxels(1));
 }
 
 TEST(ImagePyramid, TrustsCorrelationsWhateverTheNoise) {

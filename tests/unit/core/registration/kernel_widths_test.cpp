@@ -1,8 +1,11 @@
 // The expert parameter kernel_widths, and that the scales are made of it.
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
+#include <utility>
 
+#include "core/registration/register_images.h"
 #include "core/registration/scales.h"
 #include "core/support/errors.h"
 
@@ -76,12 +79,14 @@ TEST(KernelWidths, OfFirstOrdersAloneAreTheirOwn) {
   EXPECT_GT(first, 0);
 }
 
+const Lattice<3> kCube{{128, 128, 128}, {1, 1, 1}, {}};
+
 /// Width and widths of both orders when nothing but `name` is given, for images with that noise.
 std::string chosen(Model model, SimilarityType similarity, double noise, const char* name = nullptr,
                    const char* value = nullptr) {
   RegistrationOptions options = default_options(model, similarity, Preset::Accurate);  // to full resolution
   if (name) set_parameter(options, name, value);
-  const RegistrationOptions made = resolved(options, 3, 1, 128, noise), again = resolved(made, 3, 1, 128, noise);
+  const RegistrationOptions made = resolved(options, kCube, noise), again = resolved(made, kCube, noise);
   std::string text;
   for (const RegistrationOptions& once : {made, again}) {
     std::string found;
@@ -115,10 +120,100 @@ TEST(Noise, IsThatOfTheFinestLevel) {
   set_parameter(options, "finest_level", "1");
   const double asked = options.momenta.sparsity;
   // A voxel of that level averages eight, so that the noise there is 0.04, at which the weight is doubled.
-  const RegistrationOptions made = resolved(options, 3, 1, 128, 0.04 * std::sqrt(8.0));
+  const double noise = 0.04 * std::sqrt(8.0);
+  const RegistrationOptions made = resolved(options, kCube, noise);
   EXPECT_NEAR(made.momenta.sparsity, 2 * asked, 1e-12);
-  EXPECT_NEAR(resolved(made, 3, 1, 128, 0.04 * std::sqrt(8.0)).momenta.sparsity, 2 * asked, 1e-12);
-  EXPECT_EQ(resolved(options, 3, 1, 128, 0).momenta.sparsity, asked);
+  EXPECT_NEAR(resolved(made, kCube, noise).momenta.sparsity, 2 * asked, 1e-12);
+  EXPECT_EQ(resolved(options, kCube, 0).momenta.sparsity, asked);
+}
+
+// Slices of 5 mm are as they are on levels of 2 and 4 mm; nor are three slices coarsened, however thin.
+TEST(Noise, FallsOnlyAlongAxesThatTheLevelCoarsens) {
+  const Lattice<3> thick{{128, 128, 20}, {1, 1, 5}, {}}, few{{128, 128, 3}, {1, 1, 1}, {}};
+  for (const Lattice<3>& slices : {thick, few})
+    for (int level : {1, 2}) {
+      RegistrationOptions options = default_options(Model::Sliding, SimilarityType::Lncc, Preset::Balanced);
+      const double asked = options.momenta.sparsity;
+      set_parameter(options, "finest_level", std::to_string(level));
+      EXPECT_NEAR(resolved(options, slices, 0.04 * (1 << level)).momenta.sparsity, 2 * asked, 1e-12) << level;
+    }
+}
+
+/// What is said of first_order_kernel_widths with `model` and these settings; "" when they are taken.
+std::string refusal(Model model, const std::vector<std::pair<const char*, const char*>>& settings, bool is_resolved) {
+  RegistrationOptions options = default_options(model, SimilarityType::Lncc, Preset::Balanced);
+  set_parameter(options, "first_order_kernel_widths", "5:1,3:1");
+  for (const auto& [name, value] : settings) set_parameter(options, name, value);
+  if (is_resolved) options = resolved(options, kCube);  // whose finest level is 1, of 3
+  std::string all;
+  for (const std::string& one : problems(options)) all += one;
+  return all;
+}
+
+// Oracle: the scales that are made.
+TEST(KernelWidths, OfFirstOrdersAloneAreRefusedWhereNoScaleHasThem) {
+  struct Case {
+    Model model;
+    std::vector<std::pair<const char*, const char*>> settings;
+    bool is_known = true;  ///< without an image
+  };
+  const std::vector<Case> cases = {
+      {Model::Gaussian, {}},
+      {Model::Gaussian, {{"first_order_scales", "1"}}},
+      {Model::Sliding, {}},
+      {Model::Auto, {}},
+      {Model::Auto, {{"first_order_scales", "0"}}},
+      {Model::Wendland, {}},
+      {Model::Wendland, {{"first_order_scales", "1"}}},
+      {Model::Wendland1, {}},
+      {Model::Wendland1, {{"finest_scale", "2"}}},
+      {Model::Wendland1, {{"finest_scale", "1"}, {"first_order_finest_scale", "1"}}},
+      {Model::Wendland1, {{"finest_scale", "1"}}, false},
+      {Model::Wendland1, {{"finest_scale", "1"}, {"first_order_finest_scale", "2"}}, false},
+      {Model::Wendland1, {{"finest_scale", "1"}, {"first_order_finest_scale", "2"}, {"scales", "2"}}},
+      {Model::Wendland1, {{"finest_scale", "1"}, {"first_order_finest_scale", "3"}, {"scales", "2"}}},
+      {Model::Directional, {}},
+  };
+  for (const Case& one : cases) {
+    SCOPED_TRACE(to_string(one.model) + (one.settings.empty() ? "" : std::string(" ") + one.settings[0].first));
+    RegistrationOptions options = default_options(one.model, SimilarityType::Lncc, Preset::Balanced);
+    for (const auto& [name, value] : one.settings) set_parameter(options, name, value);
+    EXPECT_EQ(problems(options), std::vector<std::string>{}) << "it is not what is refused";
+    const Field<double> along(3 * kCube.sites(), std::sqrt(1.0 / 3));
+    const auto scales = make_scales<3, float>(kCube, resolved(options, kCube), along);
+    const bool is_used = std::any_of(scales.begin(), scales.end(), [](const auto& placed) {
+      return placed.scale->options().orders == Orders::First;
+    });
+    const std::string said = refusal(one.model, one.settings, true), before = refusal(one.model, one.settings, false);
+    EXPECT_EQ(before, one.is_known ? said : "");
+    EXPECT_EQ(said.empty(), is_used) << said;
+    if (is_used) continue;
+    EXPECT_EQ(said, "parameter first_order_kernel_widths is 5:1,3:1 and model " + to_string(one.model) +
+                        " has no scale of order 1 alone, which it is for; set it to none, or choose model sliding or "
+                        "auto with first_order_scales above 0");
+  }
+}
+
+// What depends on the image is said when it is there, before any work.
+TEST(KernelWidths, OfFirstOrdersAloneAreRefusedWithTheImage) {
+  RegistrationInput<2> input;
+  ImageGrid<2> grid;
+  grid.size = {40, 40};
+  input.fixed = input.moving = Volume<2>(grid);
+  input.moving.samples[7] = input.fixed.samples[8] = 1;
+  RegistrationOptions options = default_options(Model::Wendland1, SimilarityType::Ssd, Preset::Balanced);
+  set_parameter(options, "first_order_kernel_widths", "5:1");
+  set_parameter(options, "finest_scale", "0");
+  ASSERT_TRUE(problems(options).empty());
+  try {
+    register_images<2>(input, options, [](const Progress&) {
+      ADD_FAILURE() << "work began";
+      return ProgressAnswer::Stop;
+    });
+    ADD_FAILURE() << "accepted";
+  } catch (const InvalidInput& error) {
+    EXPECT_NE(std::string(error.what()).find("first_order_kernel_widths is 5:1"), std::string::npos) << error.what();
+  }
 }
 
 TEST(KernelWidths, AWidthIsAtLeastAVoxel) {

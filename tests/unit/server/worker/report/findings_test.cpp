@@ -1,6 +1,5 @@
 // Oracle: the scene's numbers, which are chosen.
 #include "server/worker/report/findings.h"
-#include "server/worker/report/choices.h"
 #include "tests/unit/server/worker/report/report_scene.h"
 
 #include <gmock/gmock.h>
@@ -100,63 +99,6 @@ TEST(Findings, CarryTheNoticesAndAnIncreaseOfDissimilarity) {
   scene.result.summary.similarity_after = 10;
   EXPECT_THAT(findings_of(scene), AllOf(Contains(finding(Verdict::Look, "7 everywhere")),
                                         Contains(finding(Verdict::Bad, "no better than before"))));
-}
-
-TEST(Choices, ListWhatWasSetAndWhatWasFilledIn) {
-  ReportScene<3> scene(3);
-  set_parameter(scene.options, "regularisation", "0.5");
-  scene.result.options = resolved(scene.options, 3, 1, 40);
-  const auto all = choices(scene.report);
-  EXPECT_THAT(all, Contains(AllOf(Field(&Choice::name, "regularisation"), Field(&Choice::value, "0.5"),
-                                  Field(&Choice::is_set, true), Field(&Choice::why, HasSubstr("set by the job")))));
-  EXPECT_THAT(all, Contains(AllOf(Field(&Choice::name, "levels"), Field(&Choice::is_set, false),
-                                  Field(&Choice::why, HasSubstr("12x16x20")))));
-  EXPECT_THAT(all, Contains(AllOf(Field(&Choice::name, "finest_level"), Field(&Choice::value, "2"),
-                                  Field(&Choice::why, HasSubstr("preset fast")))));
-  EXPECT_THAT(all, Not(Contains(Field(&Choice::name, "time_steps"))));
-}
-
-TEST(Choices, TellWhetherFirstOrderMomentaWereLetInAndWhy) {
-  ReportScene<2> scene(3);
-  const auto line = [&scene] { return choices(scene.report); };
-  const auto named = Field(&Choice::name, "level 1: first-order momenta");
-  EXPECT_THAT(line(), Not(Contains(named)));  // nobody asked
-  LevelSummary& level = scene.result.summary.levels[0];
-  level.first_order_gain = 0.375;
-  level.first_order_shear = 1.75;
-  scene.result.options.momenta.first_order_gain = 0.125;
-  scene.result.options.momenta.first_order_shear = 1.25;
-  const auto because = [](const char* end) {
-    return Field(&Choice::why,
-                 AllOf(HasSubstr("gain 0.375 times the similarity left (asked: 0.125)"),
-                       HasSubstr("1.75 times as much along interfaces as across them (asked: 1.25)"), HasSubstr(end)));
-  };
-  level.decision = FirstOrderDecision::LetIn;
-  EXPECT_THAT(line(), Contains(AllOf(named, Field(&Choice::value, "let in"), because("something slides"))));
-  level.decision = FirstOrderDecision::LeftOut;
-  EXPECT_THAT(line(), Contains(AllOf(named, Field(&Choice::value, "left out"), because("nothing slides"))));
-}
-
-TEST(Choices, TellWhetherMomentaWereOrientedAndWhy) {
-  ReportScene<2> scene(3);
-  const auto named = Field(&Choice::name, "level 1: oriented momenta");
-  LevelSummary& level = scene.result.summary.levels[0];
-  level.oblique_share = 0.75;
-  EXPECT_THAT(choices(scene.report), Not(Contains(named)));  // they were asked for, nothing was decided
-  scene.result.options.momenta.oblique_share = 0.5;
-  const auto because = Field(&Choice::why, AllOf(HasSubstr("75"), HasSubstr("oblique"), HasSubstr("asked: 50")));
-  EXPECT_THAT(choices(scene.report), Contains(AllOf(named, Field(&Choice::value, "left out"), because)));
-  level.oriented_elements = 17;
-  EXPECT_THAT(choices(scene.report), Contains(AllOf(named, Field(&Choice::value, "17"), because)));
-}
-
-TEST(Choices, MakeACommandThatAsksForTheSameAgain) {
-  ReportScene<2> scene(3);
-  set_parameter(scene.options, "regularisation", "0.5");
-  scene.result.options = scene.options;
-  EXPECT_EQ(command_line(scene.report),
-            "saltus register --fixed FIXED --moving MOVING --out DIR --model sliding --similarity ssd --preset fast "
-            "--affine rigid --set regularisation=0.5");
 }
 
 }  // namespace

@@ -1,0 +1,155 @@
+// Oracle: the options that were asked for, and what resolved() makes of them.
+#include "server/worker/report/choices.h"
+#include "core/registration/scales.h"
+#include "tests/unit/server/worker/report/report_scene.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+namespace saltus::report {
+namespace {
+
+using testing::AllOf;
+using testing::Contains;
+using testing::Field;
+using testing::HasSubstr;
+using testing::IsEmpty;
+using testing::Not;
+
+/// Everything that is said of `name` after a registration of `model` and `similarity` with these settings, whose images
+/// have noise of 1.5 %: "value (why)", for each line.
+std::vector<std::string> said_of(const std::string& name, Model model, SimilarityType similarity,
+                                 const std::vector<std::pair<const char*, const char*>>& settings = {}) {
+  constexpr double noise = 0.015;
+  ReportScene<3> scene(3);
+  scene.options = default_options(model, similarity, Preset::Accurate);  // to full resolution, where the noise is whole
+  for (const auto& [setting, value] : settings) set_parameter(scene.options, setting, value);
+  scene.result.options = resolved(scene.options, lattice_of(scene.images.fixed.grid), noise);
+  scene.result.summary.noise = noise;
+  std::vector<std::string> lines;
+  for (const Choice& choice : choices(scene.report))
+    if (choice.name == name) lines.push_back(choice.value + " (" + choice.why + ")");
+  return lines;
+}
+
+using Lines = std::vector<std::string>;
+
+TEST(Choices, TellTheWidthsThatAreInUse) {
+  const std::string from_noise = " (from the model, the similarity and the noise on the finest level)";
+  // Half of 0.7 at this noise, core/README.md, "Widths"; order 1, which has scales of its own, keeps one width.
+  EXPECT_EQ(said_of("kernel_widths", Model::Auto, SimilarityType::Lncc), Lines{"9:1,4:0.35" + from_noise});
+  EXPECT_EQ(said_of("width_voxels", Model::Auto, SimilarityType::Lncc),
+            Lines{"6 (of the scales of order 1 alone, from the model and the similarity)"});
+  // No scale has one width.
+  EXPECT_EQ(said_of("kernel_widths", Model::Gaussian, SimilarityType::Lncc), Lines{"9:1,4:0.35" + from_noise});
+  EXPECT_THAT(said_of("width_voxels", Model::Gaussian, SimilarityType::Lncc), IsEmpty());
+  EXPECT_THAT(said_of("width_voxels", Model::Auto, SimilarityType::Lncc, {{"first_order_kernel_widths", "5:1,3:1"}}),
+              IsEmpty());
+  // All have.
+  for (Model model : {Model::Gaussian, Model::Auto, Model::Wendland1}) {
+    EXPECT_THAT(said_of("kernel_widths", model, SimilarityType::Ssd), IsEmpty()) << to_string(model);
+    EXPECT_EQ(said_of("width_voxels", model, SimilarityType::Ssd),
+              Lines{"6 (of all scales, from the model and the similarity)"})
+        << to_string(model);
+  }
+  EXPECT_EQ(said_of("width_voxels", Model::Auto, SimilarityType::Ssd, {{"first_order_kernel_widths", "5:1"}}),
+            Lines{"6 (of the scales with order 0, from the model and the similarity)"});
+}
+
+TEST(Choices, TellTheWidthsThatTheJobSet) {
+  EXPECT_EQ(said_of("width_voxels", Model::Gaussian, SimilarityType::Lncc, {{"width_voxels", "5"}}),
+            Lines{"5 (set by the job; the default is 0)"});
+  EXPECT_THAT(said_of("kernel_widths", Model::Gaussian, SimilarityType::Lncc, {{"width_voxels", "5"}}), IsEmpty());
+  EXPECT_EQ(said_of("kernel_widths", Model::Gaussian, SimilarityType::Lncc, {{"kernel_widths", "7:1"}}),
+            Lines{"7:1 (set by the job; the default is none)"});
+  EXPECT_EQ(
+      said_of("first_order_kernel_widths", Model::Auto, SimilarityType::Lncc, {{"first_order_kernel_widths", "5:1"}}),
+      Lines{"5:1 (set by the job; the default is none)"});
+}
+
+// lncc doubles its weight of 0.05 at noise of 4 %; ssd's does not follow the noise.
+TEST(Choices, TellTheSparsityThatNoiseMakes) {
+  const std::string from_noise = " (from the noise on the finest level (sparsity_noise))";
+  EXPECT_EQ(said_of("sparsity", Model::Auto, SimilarityType::Lncc), Lines{"0.06875" + from_noise});
+  EXPECT_THAT(said_of("sparsity in use", Model::Auto, SimilarityType::Lncc), IsEmpty());
+  EXPECT_EQ(said_of("sparsity", Model::Auto, SimilarityType::Lncc, {{"sparsity", "0.1"}}),
+            Lines{"0.1 (set by the job; the default is 0.05)"});
+  EXPECT_EQ(said_of("sparsity in use", Model::Auto, SimilarityType::Lncc, {{"sparsity", "0.1"}}),
+            Lines{"0.1375" + from_noise});
+  EXPECT_EQ(said_of("sparsity_noise", Model::Auto, SimilarityType::Lncc, {{"sparsity_noise", "0.06"}}),
+            Lines{"0.06 (set by the job; the default is 0.04)"});
+  EXPECT_EQ(said_of("sparsity", Model::Auto, SimilarityType::Lncc, {{"sparsity_noise", "0.06"}}),
+            Lines{"0.0625" + from_noise});
+  for (const char* name : {"sparsity", "sparsity in use", "sparsity_noise"})
+    EXPECT_THAT(said_of(name, Model::Auto, SimilarityType::Ssd), IsEmpty()) << name;
+  EXPECT_THAT(said_of("sparsity_noise", Model::Auto, SimilarityType::Lncc), IsEmpty());
+}
+
+TEST(Choices, TellOfWhichRangeTheNoiseIsUnlessTheJobGaveIt) {
+  EXPECT_EQ(said_of("noise", Model::Auto, SimilarityType::Ssd),
+            Lines{"1.5 % (measured in the images, of the fixed image's range)"});
+  EXPECT_EQ(said_of("noise", Model::Auto, SimilarityType::Lncc),
+            Lines{"1.5 % (measured in the images, of each one's own range)"});
+  EXPECT_EQ(said_of("noise", Model::Auto, SimilarityType::Lncc, {{"noise", "0.015"}}),
+            Lines{"0.015 (set by the job; the default is -1)"});
+}
+
+TEST(Choices, ListWhatWasSetAndWhatWasFilledIn) {
+  ReportScene<3> scene(3);
+  set_parameter(scene.options, "regularisation", "0.5");
+  scene.result.options = resolved(scene.options, lattice_of(scene.images.fixed.grid));
+  const auto all = choices(scene.report);
+  EXPECT_THAT(all, Contains(AllOf(Field(&Choice::name, "regularisation"), Field(&Choice::value, "0.5"),
+                                  Field(&Choice::is_set, true), Field(&Choice::why, HasSubstr("set by the job")))));
+  EXPECT_THAT(all, Contains(AllOf(Field(&Choice::name, "levels"), Field(&Choice::is_set, false),
+                                  Field(&Choice::why, HasSubstr("12x16x20")))));
+  EXPECT_THAT(all, Contains(AllOf(Field(&Choice::name, "finest_level"), Field(&Choice::value, "2"),
+                                  Field(&Choice::why, HasSubstr("preset fast")))));
+  EXPECT_THAT(all, Not(Contains(Field(&Choice::name, "time_steps"))));
+}
+
+TEST(Choices, TellWhetherFirstOrderMomentaWereLetInAndWhy) {
+  ReportScene<2> scene(3);
+  const auto line = [&scene] { return choices(scene.report); };
+  const auto named = Field(&Choice::name, "level 1: first-order momenta");
+  EXPECT_THAT(line(), Not(Contains(named)));  // nobody asked
+  LevelSummary& level = scene.result.summary.levels[0];
+  level.first_order_gain = 0.375;
+  level.first_order_shear = 1.75;
+  scene.result.options.momenta.first_order_gain = 0.125;
+  scene.result.options.momenta.first_order_shear = 1.25;
+  const auto because = [](const char* end) {
+    return Field(&Choice::why,
+                 AllOf(HasSubstr("gain 0.375 times the similarity left (asked: 0.125)"),
+                       HasSubstr("1.75 times as much along interfaces as across them (asked: 1.25)"), HasSubstr(end)));
+  };
+  level.decision = FirstOrderDecision::LetIn;
+  EXPECT_THAT(line(), Contains(AllOf(named, Field(&Choice::value, "let in"), because("something slides"))));
+  level.decision = FirstOrderDecision::LeftOut;
+  EXPECT_THAT(line(), Contains(AllOf(named, Field(&Choice::value, "left out"), because("nothing slides"))));
+}
+
+TEST(Choices, TellWhetherMomentaWereOrientedAndWhy) {
+  ReportScene<2> scene(3);
+  const auto named = Field(&Choice::name, "level 1: oriented momenta");
+  LevelSummary& level = scene.result.summary.levels[0];
+  level.oblique_share = 0.75;
+  EXPECT_THAT(choices(scene.report), Not(Contains(named)));  // they were asked for, nothing was decided
+  scene.result.options.momenta.oblique_share = 0.5;
+  const auto because = Field(&Choice::why, AllOf(HasSubstr("75"), HasSubstr("oblique"), HasSubstr("asked: 50")));
+  EXPECT_THAT(choices(scene.report), Contains(AllOf(named, Field(&Choice::value, "left out"), because)));
+  level.oriented_elements = 17;
+  EXPECT_THAT(choices(scene.report), Contains(AllOf(named, Field(&Choice::value, "17"), because)));
+}
+
+TEST(Choices, MakeACommandThatAsksForTheSameAgain) {
+  ReportScene<2> scene(3);
+  set_parameter(scene.options, "regularisation", "0.5");
+  scene.result.options = scene.options;
+  EXPECT_EQ(command_line(scene.report),
+            "saltus register --fixed FIXED --moving MOVING --out DIR --model sliding --similarity ssd --preset fast "
+            "--affine rigid --set regularisation=0.5");
+}
+
+}  // namespace
+}  // namespace saltus::report
