@@ -65,7 +65,10 @@ std::size_t memory_estimate(const ImageGrid<Dim>& fixed, const ImageGrid<Dim>& m
       if (m.sparsity > 0) bytes += sites * 2 * Dim * vector;
       if (options.model == Model::Directional) bytes += sites * 2 * Dim * vector;
       // Oriented momenta: normals and scratch at all sites, weights (and those before them) for all elements.
-      if (m.orientations > 0) bytes += sites * (3 * vector + 2 * m.orientations * scalar);
+      if (m.orientations > 0) {
+        bytes += sites * (3 * vector + 2 * m.orientations * scalar);
+        unknowns += (Dim - 1) * sites;  // one element a site may join
+      }
     }
     // L-BFGS, see MinimiserState, and one vector on its way while momenta join; a checkpoint goes straight to a file.
     bytes += scalar * (unknowns * (2 * options.optimisation.history + 7) + dense * (options.optimisation.history + 2));

@@ -1,5 +1,7 @@
 #include "server/launch/batch_script.h"
 
+#include "server/launch/thread_waiting.h"
+
 #include <stdexcept>
 
 namespace saltus::server {
@@ -28,9 +30,8 @@ std::string script(const BatchSettings& settings, const BatchRequest& request) {
   std::string text =
       "#!/bin/sh\n"
       "export PATH=/usr/local/bin:/usr/bin:/bin\n"
-      // Several workers may share a node: threads that wait must not spin on the cores of the others.
-      "export OMP_WAIT_POLICY=PASSIVE OMP_NUM_THREADS=" +
-      std::to_string(request.threads) + "\numask 077\nexec";
+      "export OMP_WAIT_POLICY=PASSIVE GOMP_SPINCOUNT=" +
+      std::string(kBriefWait) + " OMP_NUM_THREADS=" + std::to_string(request.threads) + "\numask 077\nexec";
   for (const std::string& word : words) text += " " + shell_quoted(word);
   if (request.input.empty()) return text + " < /dev/null\n";
   return text + " << '" + kEndOfInput + "'\n" + request.input + "\n" + kEndOfInput + "\n";

@@ -2,6 +2,7 @@
 
 #include "core/support/failpoint.h"
 #include "server/launch/process_identity.h"
+#include "server/launch/thread_waiting.h"
 #include "server/launch/worker_files.h"
 
 #include <fcntl.h>
@@ -91,11 +92,11 @@ class SpawnPlan {
   posix_spawnattr_t attributes_;
 };
 
-std::vector<std::string> worker_environment(int threads, const fs::path& temporary_files) {
+std::vector<std::string> worker_environment(int threads, bool has_cores_alone, const fs::path& temporary_files) {
   const std::vector<std::string> own{
       "OMP_NUM_THREADS=" + std::to_string(threads),
-      // Several workers share the machine: threads that wait must not spin on the cores of the others.
       "OMP_WAIT_POLICY=PASSIVE",
+      std::string("GOMP_SPINCOUNT=") + (has_cores_alone ? kBriefWait : "0"),
       "TMPDIR=" + temporary_files.string(),
   };
   const auto is_own = [&own](std::string_view variable) {
@@ -163,6 +164,12 @@ void LocalLauncher::remove_files(const AttemptKey& key) const {
   fs::remove_all(work_folder(key), ignored);
 }
 
+/// Whether threads that wait awake take no core from another worker.
+bool LocalLauncher::has_cores_alone() const {
+  return settings_.thread_budget > 0 &&
+         settings_.thread_budget <= static_cast<int>(std::thread::hardware_concurrency());
+}
+
 std::string LocalLauncher::start(const LaunchRequest& request) {
   try {
     return start_process(request);
@@ -187,7 +194,7 @@ std::string LocalLauncher::start_process(const LaunchRequest& request) {
   const pid_t pid =
       SpawnPlan(log.get()).spawn({settings_.worker.string(), "--server", settings_.server_address, "--job", key.job_id,
                                   "--attempt", std::to_string(key.attempt), "--token-file", token_file(key).string()},
-                                 worker_environment(request.threads, work_folder(key)));
+                                 worker_environment(request.threads, has_cores_alone(), work_folder(key)));
   SALTUS_FAILPOINT("launch.after");
   // The process, even when it has ended already, stays until it is reaped: its number cannot be another's.
   const int descriptor = open_process(pid);

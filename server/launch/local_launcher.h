@@ -20,6 +20,7 @@ struct LocalLauncherSettings {
   std::filesystem::path run;     ///< for token files
   std::filesystem::path logs;    ///< for what workers print
   std::filesystem::path work;    ///< for a folder of temporary files for each worker; made when missing
+  int thread_budget = 0;         ///< threads of all workers together, at most; 0: nobody knows
   std::int64_t max_log_bytes = 1 << 20;
   std::size_t max_logs = 64;  ///< the oldest go first
   /// Of the daemon and its workers together, since ever; see there.
@@ -52,6 +53,7 @@ class LocalLauncher final : public Launcher {
  private:
   struct Worker;
   std::string start_process(const LaunchRequest& request);
+  bool has_cores_alone() const;
   void watch();
   void wake();
   void reap(const AttemptKey& key, Worker& worker);

@@ -9,6 +9,7 @@
 #include "core/registration/checkpoint.h"
 #include "core/registration/register_images.h"
 #include "core/registration/scales.h"
+#include "tests/support/checkpoint_bytes.h"
 
 namespace saltus {
 namespace {
@@ -32,7 +33,7 @@ std::vector<Round> rounds_of(const RegistrationInput<2>& input, const Registrati
   };
   Checkpointing checkpointing;
   checkpointing.offer = [&](const Progress&, const MakeCheckpoint& make) {
-    const Checkpoint reached = decode(make(), job);
+    const Checkpoint reached = decoded(bytes_of(make), job);
     if (reached.step + 1 < options.pyramid.levels) return;
     if (static_cast<std::size_t>(reached.level.rounds) > rounds.size()) {
       if (!rounds.empty()) rounds.back().at_least = bound();

@@ -1,6 +1,7 @@
 #include "server/launch/local_launcher.h"
 
 #include "server/launch/process_identity.h"
+#include "server/launch/thread_waiting.h"
 #include "tests/support/temporary_folder.h"
 
 #include <gmock/gmock.h>
@@ -12,6 +13,7 @@
 #include <unistd.h>
 
 #include <condition_variable>
+#include <thread>
 
 namespace saltus::server {
 namespace {
@@ -28,11 +30,12 @@ class LocalLauncherTest : public ::testing::Test {
   ~LocalLauncherTest() override { launcher.reset(); }
 
   /// Workers run this shell script; $folder is a folder of the test.
-  void use_script(const std::string& script) {
+  void use_script(const std::string& script, int thread_budget = 0) {
     const fs::path program =
         folder.write("worker", "#!/bin/sh\nfolder=" + folder.path().string() + "\n" + script + "\n");
     fs::permissions(program, fs::perms::owner_all);
     LocalLauncherSettings settings{program, "unix:/nowhere", folder / "run", folder / "logs", folder / "work"};
+    settings.thread_budget = thread_budget;
     settings.count_memory_kills = [this] { return memory_kills_now.load(); };
     launcher = std::make_unique<LocalLauncher>(settings);
     launcher->on_exit([this](const AttemptKey& key, const WorkerExit& exit) {
@@ -202,6 +205,19 @@ TEST_F(LocalLauncherTest, ReadsNothingAndLeadsAGroupOfItsOwn) {
   stat >> pid >> name >> state >> parent >> group;
   EXPECT_EQ(group, pid);
   EXPECT_EQ(content_of(folder / "policy"), "PASSIVE\n");
+}
+
+// Threads wait awake only where the budget says that no other worker wants their core.
+TEST_F(LocalLauncherTest, ThreadsWaitAwakeOnlyWhereTheyHaveCoresOfTheirOwn) {
+  const int cores = static_cast<int>(std::thread::hardware_concurrency());
+  for (const auto& [budget, expected] : {std::pair(0, "0"), {cores, kBriefWait}, {cores + 1, "0"}}) {
+    SCOPED_TRACE(budget);
+    use_script("echo $GOMP_SPINCOUNT > $folder/turns", budget);
+    const AttemptKey one{"job", 10 + budget};
+    launcher->start({one, "t", 1});
+    EXPECT_EQ(exit_of(one).number, 0);
+    EXPECT_EQ(content_of(folder / "turns"), std::string(expected) + "\n");
+  }
 }
 
 TEST_F(LocalLauncherTest, AWorkerOutlivesTheLauncherAndIsAdoptedByTheNext) {
