@@ -90,7 +90,7 @@ forbid(core/registration INCLUDES "\"core/(phantom|evaluation|image_io)/")
 allow(server/jobs ONLY ${standard} "\"server/jobs/" "\"core/support/errors[.]h\"")
 forbid(server/store INCLUDES ${images} "<grpc" "\"server/(rpc|worker)/")
 allow(server/rpc ONLY ${standard} ${rpc} "<spdlog" "<openssl/" "<sys/" "\"server/(rpc|jobs)/" "\"core/registration/options[.]h\""
-      "\"core/support/errors[.]h\"")
+      "\"proto/crc32c[.]h\"" "\"core/support/errors[.]h\"")
 forbid(server/observe INCLUDES ${images} "<sqlite3" "<grpcpp" "\"server/(store|launch|config|worker)/")
 forbid(server EXCEPT server/observe INCLUDES "<prometheus")
 # A worker is a client of the daemon: it moves bytes by the client library, and that is all it takes from there.
