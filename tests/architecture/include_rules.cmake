@@ -74,7 +74,7 @@ forbid(core INCLUDES ${rpc} ${service} "\"(server|client)/")
 forbid(core EXCEPT core/image_io INCLUDES "\"core/image_io/")
 forbid(core EXCEPT core/drawing INCLUDES "\"core/drawing/")
 # Reports and studies are drawn with the same pen, which sees libpng.
-allow(core/drawing ONLY ${numerics} "<png[.]h>" "\"core/(support|grid|evaluation|drawing)/")
+allow(core/drawing ONLY ${numerics} "<png[.]h>" "<zlib[.]h>" "\"core/(support|grid|evaluation|drawing)/")
 
 # Inside core: grid, kernels -> momenta -> flow; grid -> similarity; optimisation knows none; registration joins.
 allow(core/support ONLY ${numerics} "\"core/support/")
