@@ -15,10 +15,19 @@ LinearCell<Dim, double> cell_at(const ImageGrid<Dim>& grid, const Vector<Dim>& i
   return {voxels, at};
 }
 
+/// Where one sample says it all.
+template <int Dim>
+bool is_at_voxel(const LinearCell<Dim, double>& cell) {
+  for (double fraction : cell.fraction)
+    if (fraction != 0) return false;
+  return true;
+}
+
 /// Linear interpolation of one sample per voxel at a continuous index; beyond the grid the border's value.
 template <int Dim>
 double sample(const ImageGrid<Dim>& grid, const float* samples, const Vector<Dim>& index) {
   const LinearCell<Dim, double> cell = cell_at(grid, index);
+  if (is_at_voxel(cell)) return samples[cell.base];
   double sum = 0;
   for (int bits = 0; bits < cell.corners; ++bits) sum += cell.weight(bits) * samples[cell.corner(bits)];
   return sum;
@@ -29,7 +38,8 @@ Vector<Dim> sample(const VectorVolume<Dim>& field, const Vector<Dim>& index) {
   const LinearCell<Dim, double> cell = cell_at(field.grid, index);
   const std::size_t voxels = field.grid.voxels();
   Vector<Dim> vector = Vector<Dim>::Zero();
-  for (int bits = 0; bits < cell.corners; ++bits) {
+  const int corners = is_at_voxel(cell) ? 1 : cell.corners;
+  for (int bits = 0; bits < corners; ++bits) {
     const double weight = cell.weight(bits);
     const float* at = field.samples.data() + cell.corner(bits);
     for (int c = 0; c < Dim; ++c) vector[c] += weight * at[static_cast<std::size_t>(c) * voxels];

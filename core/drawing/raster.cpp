@@ -59,9 +59,8 @@ std::string encode(const Pixels& pixels) {
 }  // namespace
 
 std::string encode_png(const Raster& raster) {
-  const bool is_grey = std::all_of(raster.pixels.begin(), raster.pixels.end(), [](const Colour& pixel) {
-    return pixel[0] == pixel[1] && pixel[0] == pixel[2];
-  });
+  const bool is_grey = std::all_of(raster.pixels.begin(), raster.pixels.end(),
+                                   [](const Colour& pixel) { return pixel[0] == pixel[1] && pixel[0] == pixel[2]; });
   if (!is_grey) return encode({raster.width, raster.height, 3, raster.pixels.data()->data()});
   GreyRaster grey(raster.width, raster.height);
   std::transform(raster.pixels.begin(), raster.pixels.end(), grey.pixels.begin(),

@@ -138,15 +138,13 @@ class Figures {
     };
     const std::string given =
         panels_.figure("Landmarks of the fixed image", "rings", [&](const SlicePlane<Dim>& plane) {
-          return fixed(plane, "Fixed, with landmarks") +
-                 over(plane, fixed_landmark_marks(input_, plane));
+          return fixed(plane, "Fixed, with landmarks") + over(plane, fixed_landmark_marks(input_, plane));
         });
     const std::string carried = panels_.figure(
         "Where they are carried",
         "over the moving image; ring: its landmark, dot: where x + u(x) leads, line: the error",
         [&](const SlicePlane<Dim>& plane) {
-          return moving(plane, "Moving, with landmarks") +
-                 over(plane, carried_landmark_marks(input_, plane, most));
+          return moving(plane, "Moving, with landmarks") + over(plane, carried_landmark_marks(input_, plane, most));
         },
         colour_bar(interface_colour, {"0", number(most / 2), number(most)}, "mm"));
     std::string text = "<section><h2>Landmarks over the images</h2>";
