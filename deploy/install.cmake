@@ -10,6 +10,7 @@ set(package ${CMAKE_INSTALL_LIBDIR}/cmake/saltus)
 set_target_properties(saltus_core PROPERTIES EXPORT_NAME core)
 set_target_properties(saltus_image_io PROPERTIES EXPORT_NAME image_io)
 set_target_properties(saltus_client PROPERTIES EXPORT_NAME client)
+set_target_properties(saltus_crc32c PROPERTIES EXPORT_NAME crc32c)
 set_target_properties(saltus_proto PROPERTIES EXPORT_NAME proto)
 # The components are those of the packages, see package.cmake.
 install(TARGETS saltus COMPONENT client)
