@@ -11,46 +11,6 @@
 #include <vector>
 
 namespace saltus::client {
-namespace {
-
-using CrcTables = std::array<std::array<std::uint32_t, 256>, 8>;
-
-// Slicing by eight: table k advances a byte that is followed by k further bytes.
-constexpr CrcTables make_crc_tables() {
-  CrcTables tables{};
-  for (std::uint32_t byte = 0; byte < 256; ++byte) {
-    std::uint32_t value = byte;
-    for (int bit = 0; bit < 8; ++bit) value = (value >> 1) ^ ((value & 1) ? 0x82F63B78u : 0u);
-    tables[0][byte] = value;
-  }
-  for (int k = 1; k < 8; ++k)
-    for (std::uint32_t byte = 0; byte < 256; ++byte)
-      tables[k][byte] = (tables[k - 1][byte] >> 8) ^ tables[0][tables[k - 1][byte] & 0xFF];
-  return tables;
-}
-constexpr CrcTables crc_tables = make_crc_tables();
-
-}  // namespace
-
-std::uint32_t crc32c(std::string_view data) {
-  std::uint32_t crc = ~0u;
-  const auto* bytes = reinterpret_cast<const unsigned char*>(data.data());
-  std::size_t left = data.size();
-  for (; left >= 8; left -= 8, bytes += 8) {
-    std::uint32_t low = 0, high = 0;
-    for (int i = 3; i >= 0; --i) {
-      low = (low << 8) | bytes[i];
-      high = (high << 8) | bytes[4 + i];
-    }
-    low ^= crc;
-    crc = 0;
-    for (int i = 0; i < 4; ++i)
-      crc ^= crc_tables[7 - i][(low >> (8 * i)) & 0xFF] ^ crc_tables[3 - i][(high >> (8 * i)) & 0xFF];
-  }
-  for (; left > 0; --left, ++bytes) crc = (crc >> 8) ^ crc_tables[0][(crc ^ *bytes) & 0xFF];
-  return ~crc;
-}
-
 struct Sha256::Context {
   EVP_MD_CTX* handle = EVP_MD_CTX_new();
   ~Context() { EVP_MD_CTX_free(handle); }

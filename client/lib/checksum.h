@@ -9,9 +9,6 @@
 
 namespace saltus::client {
 
-/// CRC-32C (Castagnoli, reflected polynomial 0x82F63B78, RFC 3720 B.4) of `data`.
-std::uint32_t crc32c(std::string_view data);
-
 /// SHA-256 of bytes that come in pieces. Not thread-safe.
 class Sha256 {
  public:

@@ -6,8 +6,8 @@ namespace saltus::drawing {
 
 template <int Dim>
 IntensityWindow window_of(const Volume<Dim>& image) {
-  const auto values = thinned_and_sorted(image.samples.size(), [&](std::size_t i) { return image.samples[i]; });
-  IntensityWindow window{quantile_of_sorted(values, 0.002), quantile_of_sorted(values, 0.998)};
+  auto values = thinned(image.samples.size(), [&](std::size_t i) { return image.samples[i]; });
+  IntensityWindow window{quantile_of(values, 0.002), quantile_of(values, 0.998)};
   if (!(window.high > window.low)) window = {window.low - 0.5, window.low + 0.5};
   return window;
 }

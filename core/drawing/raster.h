@@ -33,7 +33,7 @@ struct GreyRaster {
   std::uint8_t& at(int column, int row) { return pixels[static_cast<std::size_t>(row) * width + column]; }
 };
 
-/// The bytes of a PNG file, 8 bits a channel.
+/// The bytes of a PNG file, 8 bits a channel; one channel where nothing has a colour.
 std::string encode_png(const Raster& raster);
 std::string encode_png(const GreyRaster& raster);
 

@@ -2,10 +2,12 @@
 
 #include <Eigen/LU>
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <limits>
+#include <vector>
 
-#include "core/evaluation/statistics.h"
+#include "core/support/reduction.h"
 
 namespace saltus {
 namespace {
@@ -56,25 +58,37 @@ JacobianStatistics jacobian_statistics(const Volume<Dim>& jacobian) {
   statistics.max = -statistics.min;
   std::size_t not_positive = 0;
   std::vector<double> logarithms;
-  for (std::size_t voxel = 0; voxel < jacobian.samples.size(); ++voxel) {
-    const Index<Dim> index = index_of(jacobian.grid, voxel);
-    bool is_interior = true;
-    for (int axis = 0; axis < Dim; ++axis)
-      if (const int size = jacobian.grid.size[axis]; size > 2)
-        is_interior = is_interior && index[axis] > 0 && index[axis] < size - 1;
-    if (!is_interior) continue;
-    const double value = jacobian.samples[voxel];
-    ++statistics.n;
-    statistics.min = std::min(statistics.min, value);
-    statistics.max = std::max(statistics.max, value);
-    if (value > 0) {
-      logarithms.push_back(std::log(value));
-    } else {
-      ++not_positive;
-    }
+  const ImageGrid<Dim>& grid = jacobian.grid;
+  logarithms.reserve(grid.voxels());
+  std::array<int, 3> begin{}, end{1, 1, 1};
+  for (int axis = 0; axis < Dim; ++axis) {
+    begin[axis] = grid.size[axis] > 2 ? 1 : 0;
+    end[axis] = grid.size[axis] - begin[axis];
   }
+  for (int z = begin[2]; z < end[2]; ++z)
+    for (int y = begin[1]; y < end[1]; ++y) {
+      const float* row = jacobian.samples.data() + (static_cast<std::size_t>(z) * grid.size[1] + y) * grid.size[0];
+      for (int x = begin[0]; x < end[0]; ++x) {
+        const double value = row[x];
+        statistics.min = std::min(statistics.min, value);
+        statistics.max = std::max(statistics.max, value);
+        if (value > 0) {
+          logarithms.push_back(value);
+        } else {
+          ++not_positive;
+        }
+      }
+    }
+  const std::size_t positive = logarithms.size();
+  statistics.n = positive + not_positive;
   statistics.share_not_positive = static_cast<double>(not_positive) / static_cast<double>(statistics.n);
-  statistics.sd_log = summarise(std::move(logarithms)).sd;
+  if (positive == 0) return statistics;
+#pragma omp parallel for schedule(static)
+  for (std::size_t i = 0; i < positive; ++i) logarithms[i] = std::log(logarithms[i]);
+  const auto count = static_cast<double>(positive);
+  const double mean = ordered_sum(positive, [&](std::size_t i) { return logarithms[i]; }) / count;
+  const auto square = [&](std::size_t i) { return (logarithms[i] - mean) * (logarithms[i] - mean); };
+  statistics.sd_log = std::sqrt(ordered_sum(positive, square) / count);
   return statistics;
 }
 

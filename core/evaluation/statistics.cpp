@@ -12,6 +12,14 @@ double quantile_of_sorted(const std::vector<double>& sorted, double quantile) {
   return sorted[low] + (place - static_cast<double>(low)) * (sorted[high] - sorted[low]);
 }
 
+double quantile_of(std::vector<double>& values, double quantile) {
+  const double place = quantile * static_cast<double>(values.size() - 1);
+  const auto low = values.begin() + static_cast<std::ptrdiff_t>(place);
+  std::nth_element(values.begin(), low, values.end());
+  const double next = low + 1 == values.end() ? *low : *std::min_element(low + 1, values.end());
+  return *low + (place - std::floor(place)) * (next - *low);
+}
+
 Statistics summarise(std::vector<double> values) {
   Statistics statistics;
   statistics.n = values.size();

@@ -20,4 +20,7 @@ Statistics summarise(std::vector<double> values);
 /// Value below which the share `quantile` in [0, 1] of `sorted` lies, linear between neighbours. `sorted` is not empty.
 double quantile_of_sorted(const std::vector<double>& sorted, double quantile);
 
+/// The same of values in any order, which it changes, in time proportional to their number.
+double quantile_of(std::vector<double>& values, double quantile);
+
 }  // namespace saltus

@@ -49,21 +49,47 @@ double noise_sd(const Lattice<Dim>& lattice, const T* samples, const T* weights)
     }
     stride *= lattice.size[axis];
   }
-  std::vector<double> sizes;
-  for (int slab = 0; slab < lattice.size[Dim - 1]; ++slab)
-    visit_slab<Dim>(lattice, slab, [&](const Index<Dim>& index, std::size_t site) {
-      for (int axis = 0; axis < Dim; ++axis)
-        if (used[axis] && (index[axis] == 0 || index[axis] == lattice.size[axis] - 1)) return;
-      double response = 0;
-      bool varies = false;
-      for (const Tap& tap : taps) {
-        const std::size_t at = site + tap.at;
-        if (weights && !(weights[at] > 0)) return;
-        varies = varies || samples[at] != samples[site];
-        response += tap.value * samples[at];
+  // Row by row, each tap along the whole of it.
+  const int nx = lattice.size[0], rows = Dim == 3 ? lattice.size[1] : 1;
+  const int begin = used[0] ? 1 : 0, end = used[0] ? nx - 1 : nx;
+  const auto is_border = [&](int axis, int i) { return used[axis] && (i == 0 || i == lattice.size[axis] - 1); };
+  const auto slabs = static_cast<std::size_t>(lattice.size[Dim - 1]);
+  const std::size_t sites_of_slab = lattice.sites() / slabs;
+  std::vector<double> sizes(lattice.sites());  // each slab's from its first site on
+  std::vector<std::size_t> found(slabs, 0);
+#pragma omp parallel
+  {
+    std::vector<double> responses(static_cast<std::size_t>(nx));
+    std::vector<int> varies(responses.size()), counts(responses.size());
+#pragma omp for schedule(static)
+    for (std::size_t slab = 0; slab < slabs; ++slab)
+      for (int row = 0; row < rows; ++row) {
+        if (is_border(Dim - 1, static_cast<int>(slab)) || (Dim == 3 && is_border(1, row))) continue;
+        const std::size_t first = slab * sites_of_slab + static_cast<std::size_t>(row) * static_cast<std::size_t>(nx);
+        const T* const here = samples + first;
+        std::fill(responses.begin(), responses.end(), 0.0);
+        std::fill(varies.begin(), varies.end(), 0);
+        std::fill(counts.begin(), counts.end(), 1);
+        for (const Tap& tap : taps) {
+          const T* const there = here + tap.at;
+#pragma omp simd
+          for (int x = begin; x < end; ++x) {
+            responses[x] += tap.value * there[x];
+            varies[x] |= there[x] != here[x];
+          }
+          if (!weights) continue;
+          const T* const weight = weights + first + tap.at;
+          for (int x = begin; x < end; ++x) counts[x] &= weight[x] > 0;
+        }
+        for (int x = begin; x < end; ++x)
+          if (varies[x] && counts[x]) sizes[slab * sites_of_slab + found[slab]++] = std::abs(responses[x]);
       }
-      if (varies) sizes.push_back(std::abs(response));
-    });
+  }
+  auto end_of_found = sizes.begin();
+  for (std::size_t slab = 0; slab < slabs; ++slab)
+    end_of_found =
+        std::copy_n(sizes.begin() + static_cast<std::ptrdiff_t>(slab * sites_of_slab), found[slab], end_of_found);
+  sizes.erase(end_of_found, sizes.end());
   if (sizes.empty()) return 0;
   const auto median = sizes.begin() + static_cast<std::ptrdiff_t>(sizes.size() / 2);
   std::nth_element(sizes.begin(), median, sizes.end());

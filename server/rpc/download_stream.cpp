@@ -1,7 +1,7 @@
 #include "server/rpc/download_stream.h"
 
+#include "proto/crc32c.h"
 #include "server/jobs/refusal.h"
-#include "server/rpc/crc32c.h"
 #include "server/rpc/limits.h"
 #include "server/rpc/pooled_writer.h"
 #include "server/rpc/validate_request.h"

@@ -3,6 +3,7 @@
 #include "server/rpc/call_interceptor.h"
 #include "server/rpc/limits.h"
 
+#include <grpc/grpc.h>
 #include <grpcpp/ext/proto_server_reflection_plugin.h>
 #include <grpcpp/health_check_service_interface.h>
 #include <grpcpp/server_builder.h>
@@ -23,13 +24,16 @@ constexpr int kStreamsOfConnection = 512;
 constexpr int kConnectionAgeMilliseconds = 2 * 3600 * 1000;
 constexpr int kConnectionGraceMilliseconds = 600 * 1000;
 
-void enable_extensions() {
-  static const bool is_enabled = [] {
+void prepare_grpc() {
+  static const bool is_prepared = [] {
+    // Held for good: the last to let go of gRPC waits for its threads, and one that has ever found a socket full looks
+    // up only every 10 s. A daemon that has stopped would be there for as long.
+    grpc_init();
     grpc::EnableDefaultHealthCheckService(true);
     grpc::reflection::InitProtoReflectionServerBuilderPlugin();
     return true;
   }();
-  (void)is_enabled;
+  (void)is_prepared;
 }
 
 }  // namespace
@@ -44,7 +48,7 @@ RpcServer::RpcServer(const RpcSettings& settings, JobManager& jobs, BlobCatalog&
       info_(jobs, settings.version, settings.limits),
       worker_(jobs, pool_),
       admin_(jobs, maintenance, transfers_, stalls, [this](bool is_draining) { health_.set_draining(is_draining); }) {
-  enable_extensions();
+  prepare_grpc();
   grpc::ServerBuilder builder;
   builder.AddListeningPort(settings.address, grpc::InsecureServerCredentials(), &port_);
   protected_ports_.resize(settings.protected_addresses.size());

@@ -6,8 +6,9 @@
 #include "core/image_io/write_transform.h"
 #include "core/registration/register_images.h"
 #include "core/support/errors.h"
+#include "core/support/thread_count.h"
 #include "server/worker/attempt.h"
-#include "server/worker/report/report.h"
+#include "server/worker/report/analysis.h"
 #include "server/worker/task_inputs.h"
 
 #include <sys/resource.h>
@@ -185,8 +186,10 @@ class Run {
     report.digests = task_.digests;
     report.job_options = job_options(task_);
     report.stage_seconds = stage_seconds_;
-    write_text(file("report.json"), report::report_json(report));
-    write_text(file("report.html"), report::report_html(report));
+    const ThreadCount threads(task_.threads);
+    const auto analysis = report::analyse(report);
+    write_text(file("report.json"), report::report_json(report, analysis));
+    write_text(file("report.html"), report::report_html(report, analysis));
   }
 
   const RegistrationTask& task_;

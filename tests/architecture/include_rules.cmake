@@ -74,7 +74,7 @@ forbid(core INCLUDES ${rpc} ${service} "\"(server|client)/")
 forbid(core EXCEPT core/image_io INCLUDES "\"core/image_io/")
 forbid(core EXCEPT core/drawing INCLUDES "\"core/drawing/")
 # Reports and studies are drawn with the same pen, which sees libpng.
-allow(core/drawing ONLY ${numerics} "<png[.]h>" "\"core/(support|grid|evaluation|drawing)/")
+allow(core/drawing ONLY ${numerics} "<png[.]h>" "<zlib[.]h>" "\"core/(support|grid|evaluation|drawing)/")
 
 # Inside core: grid, kernels -> momenta -> flow; grid -> similarity; optimisation knows none; registration joins.
 allow(core/support ONLY ${numerics} "\"core/support/")
@@ -90,7 +90,7 @@ forbid(core/registration INCLUDES "\"core/(phantom|evaluation|image_io)/")
 allow(server/jobs ONLY ${standard} "\"server/jobs/" "\"core/support/errors[.]h\"")
 forbid(server/store INCLUDES ${images} "<grpc" "\"server/(rpc|worker)/")
 allow(server/rpc ONLY ${standard} ${rpc} "<spdlog" "<openssl/" "<sys/" "\"server/(rpc|jobs)/" "\"core/registration/options[.]h\""
-      "\"core/support/errors[.]h\"")
+      "\"proto/crc32c[.]h\"" "\"core/support/errors[.]h\"")
 forbid(server/observe INCLUDES ${images} "<sqlite3" "<grpcpp" "\"server/(store|launch|config|worker)/")
 forbid(server EXCEPT server/observe INCLUDES "<prometheus")
 # A worker is a client of the daemon: it moves bytes by the client library, and that is all it takes from there.

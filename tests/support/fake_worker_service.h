@@ -1,6 +1,7 @@
 #pragma once
 
 #include "client/lib/checksum.h"
+#include "proto/crc32c.h"
 
 #include "saltus/v1/registration.grpc.pb.h"
 #include "saltus/v1/worker.grpc.pb.h"
@@ -89,7 +90,7 @@ class FakeBlobs : public v1::BlobService::Service {
       response.set_offset(static_cast<std::int64_t>(at));
       response.set_size(static_cast<std::int64_t>(bytes.size()));
       response.set_data(bytes.substr(at, chunk));
-      response.set_crc32c(client::crc32c(response.data()));
+      response.set_crc32c(crc32c(response.data()));
       if (!writer->Write(response)) break;
     }
     return grpc::Status::OK;

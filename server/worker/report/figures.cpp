@@ -13,6 +13,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <map>
 #include <sstream>
 #include <utility>
 
@@ -31,9 +32,14 @@ class Figures {
   Figures(const ReportInput<Dim>& input, const Analysis<Dim>& analysis)
       : input_(input),
         analysis_(analysis),
-        pictures_(input),
+        pictures_(input, analysis.displacement),
         panels_(planes(Dim == 2 ? flat_picture : largest_picture)),
-        small_panels_(planes(Dim == 2 ? largest_picture : small_picture)) {}
+        small_panels_(planes(Dim == 2 ? largest_picture : small_picture)) {
+    for (const SlicePlane<Dim>& plane : panels_.planes()) {
+      fixed_[plane.name] = data_uri(pictures_.fixed(plane));
+      moving_[plane.name] = data_uri(pictures_.moving(plane));
+    }
+  }
 
   std::string sections() const {
     return viewer_section(input_, pictures_, panels_.planes()) + "<section><h2>Images</h2>" + where() +
@@ -62,9 +68,17 @@ class Figures {
         bar);
   }
 
+  std::string fixed(const SlicePlane<Dim>& plane, const std::string& what) const {
+    return Panels<Dim>::image(plane, fixed_.at(plane.name), what);
+  }
+  std::string moving(const SlicePlane<Dim>& plane, const std::string& what) const {
+    return Panels<Dim>::image(plane, moving_.at(plane.name), what);
+  }
+
   std::vector<std::string> images() const {
-    return {figure("Fixed", "what stays", &Pictures<Dim>::fixed),
-            figure("Moving", has_start() ? "after the affine start" : "as it came", &Pictures<Dim>::moving),
+    return {panels_.figure("Fixed", "what stays", [&](const SlicePlane<Dim>& plane) { return fixed(plane, "Fixed"); }),
+            panels_.figure("Moving", has_start() ? "after the affine start" : "as it came",
+                           [&](const SlicePlane<Dim>& plane) { return moving(plane, "Moving"); }),
             figure("Registered", "moving(x + u(x))", &Pictures<Dim>::warped)};
   }
 
@@ -101,7 +115,7 @@ class Figures {
   std::string grid_figure() const {
     return panels_.figure(
         "Deformed grid", "fixed grid carried by u over the moving image", [&](const SlicePlane<Dim>& plane) {
-          return Panels<Dim>::image(plane, pictures_.moving(plane), "Deformed grid") +
+          return moving(plane, "Deformed grid") +
                  Panels<Dim>::overlay(plane, "lines",
                                       path(svg_path(deformed_grid_lines(input_.result->displacement, plane))));
         });
@@ -122,17 +136,15 @@ class Figures {
       shown += marks.shown;
       return Panels<Dim>::overlay(plane, "landmarks", marks.svg);
     };
-    const std::string fixed =
+    const std::string given =
         panels_.figure("Landmarks of the fixed image", "rings", [&](const SlicePlane<Dim>& plane) {
-          return Panels<Dim>::image(plane, pictures_.fixed(plane), "Fixed, with landmarks") +
-                 over(plane, fixed_landmark_marks(input_, plane));
+          return fixed(plane, "Fixed, with landmarks") + over(plane, fixed_landmark_marks(input_, plane));
         });
     const std::string carried = panels_.figure(
         "Where they are carried",
         "over the moving image; ring: its landmark, dot: where x + u(x) leads, line: the error",
         [&](const SlicePlane<Dim>& plane) {
-          return Panels<Dim>::image(plane, pictures_.moving(plane), "Moving, with landmarks") +
-                 over(plane, carried_landmark_marks(input_, plane, most));
+          return moving(plane, "Moving, with landmarks") + over(plane, carried_landmark_marks(input_, plane, most));
         },
         colour_bar(interface_colour, {"0", number(most / 2), number(most)}, "mm"));
     std::string text = "<section><h2>Landmarks over the images</h2>";
@@ -144,7 +156,7 @@ class Figures {
                 " mm (" + plane.name + ")";
       text += shown == 0 ? ": there are none.</p>" : ".</p>";
     }
-    return text + Panels<Dim>::gallery({fixed, carried}, GalleryWidth::Whole) + "</section>\n";
+    return text + Panels<Dim>::gallery({given, carried}, GalleryWidth::Whole) + "</section>\n";
   }
 
   std::string sliding_section() const {
@@ -169,7 +181,7 @@ class Figures {
               "slice"
             : "of u across the interface that was found in it; faint squares: the interface lies in the slice",
         [&](const SlicePlane<Dim>& plane) {
-          return Panels<Dim>::image(plane, pictures_.fixed(plane), "Tangential jump") +
+          return fixed(plane, "Tangential jump") +
                  Panels<Dim>::overlay(plane, "interface",
                                       analysis_.may_slide ? slip_marks(input_.result->slip, grid, plane, most)
                                                           : interface_paths(analysis_.interface, grid, plane, most));
@@ -315,6 +327,7 @@ class Figures {
   const Analysis<Dim>& analysis_;
   Pictures<Dim> pictures_;
   Panels<Dim> panels_, small_panels_;
+  std::map<std::string, std::string> fixed_, moving_;  ///< of panels_, by the plane's name: several figures show them
 };
 
 }  // namespace

@@ -1,29 +1,42 @@
 #include "server/worker/report/measures.h"
 
 #include "core/evaluation/field_error.h"
+#include "core/grid/lattice.h"
 #include "core/support/errors.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 
 namespace saltus::report {
 namespace {
 
+/// Lengths of a field's vectors, by voxel.
 template <int Dim>
-double length(const VectorVolume<Dim>& field, std::size_t voxel) {
-  double sum = 0;
-  for (int c = 0; c < Dim; ++c) sum += std::pow(static_cast<double>(field.component(c)[voxel]), 2);
-  return std::sqrt(sum);
-}
+class Lengths {
+ public:
+  explicit Lengths(const VectorVolume<Dim>& field) {
+    for (int c = 0; c < Dim; ++c) components_[c] = field.component(c);
+  }
+  double operator()(std::size_t voxel) const {
+    double sum = 0;
+    for (const float* component : components_) sum += std::pow(static_cast<double>(component[voxel]), 2);
+    return std::sqrt(sum);
+  }
+
+ private:
+  std::array<const float*, Dim> components_;
+};
 
 }  // namespace
 
 template <int Dim>
 DisplacementMeasures measure_displacement(const VectorVolume<Dim>& displacement) {
   DisplacementMeasures found;
+  const Lengths<Dim> length(displacement);
   const std::size_t voxels = displacement.grid.voxels();
   for (std::size_t voxel = 0; voxel < voxels; ++voxel) {
-    const double distance = length(displacement, voxel);
+    const double distance = length(voxel);
     found.mean_mm += distance / static_cast<double>(voxels);
     found.max_mm = std::max(found.max_mm, distance);
   }
@@ -56,9 +69,10 @@ std::optional<LandmarkMeasures> measure_landmarks(const ReportInput<Dim>& input)
 
 template <int Dim>
 double active_share(const VectorVolume<Dim>& momentum) {
+  const Lengths<Dim> length(momentum);
   const std::size_t sites = momentum.grid.voxels();
   std::size_t active = 0;
-  for (std::size_t site = 0; site < sites; ++site) active += length(momentum, site) > 0;
+  for (std::size_t site = 0; site < sites; ++site) active += length(site) > 0;
   return static_cast<double>(active) / static_cast<double>(sites);
 }
 
@@ -69,7 +83,8 @@ FoldedVoxels count_folded(const Volume<Dim>& jacobian, const DetectedInterface<D
   FoldedVoxels found;
   std::vector<Index<Dim>> folds;
   Index<Dim> index{};
-  for (std::size_t voxel = 0; voxel < grid.voxels(); ++voxel) {
+  const std::size_t voxels = grid.voxels();
+  for (std::size_t voxel = 0; voxel < voxels; ++voxel) {
     bool is_inside = true;
     for (int a = 0; a < Dim; ++a)
       is_inside = is_inside && (grid.size[a] < 3 || (index[a] > 0 && index[a] + 1 < grid.size[a]));
@@ -106,22 +121,26 @@ FoldedVoxels count_folded(const Volume<Dim>& jacobian, const DetectedInterface<D
 template <int Dim>
 double share_carried_beyond(const VectorVolume<Dim>& displacement, const ImageGrid<Dim>& other) {
   const ImageGrid<Dim>& grid = displacement.grid;
+  const Lattice<Dim> lattice = lattice_of(grid);
+  // x + u(x), as an index of the other grid: start + step * index of x + turn * u.
+  const Matrix<Dim> turn = other.spacing.cwiseInverse().asDiagonal() * other.direction.transpose();
+  const Matrix<Dim> step = turn * grid.direction * grid.spacing.asDiagonal();
+  const Vector<Dim> start = turn * (grid.origin - other.origin);
+  std::array<const float*, Dim> u;
+  for (int c = 0; c < Dim; ++c) u[c] = displacement.component(c);
   std::size_t beyond = 0;
-  Index<Dim> index{};
-  for (std::size_t voxel = 0; voxel < grid.voxels(); ++voxel) {
-    Vector<Dim> at, u;
-    for (int a = 0; a < Dim; ++a) {
-      at[a] = index[a];
-      u[a] = displacement.component(a)[voxel];
-    }
-    const Vector<Dim> place = other.to_index(grid.to_world(at) + u);
-    bool is_beyond = false;
-    for (int a = 0; a < Dim; ++a)
-      is_beyond = is_beyond || !(place[a] > -0.5 - 1e-6 && place[a] < other.size[a] - 0.5 + 1e-6);
-    beyond += is_beyond;
-    for (int a = 0; a < Dim && ++index[a] == grid.size[a]; ++a) index[a] = 0;
-  }
-  return static_cast<double>(beyond) / static_cast<double>(grid.voxels());
+#pragma omp parallel for schedule(static) reduction(+ : beyond)
+  for (int slab = 0; slab < lattice.size[Dim - 1]; ++slab)
+    visit_slab<Dim>(lattice, slab, [&](const Index<Dim>& index, std::size_t voxel) {
+      bool is_beyond = false;
+      for (int row = 0; row < Dim; ++row) {
+        double place = start[row];
+        for (int a = 0; a < Dim; ++a) place += step(row, a) * index[a] + turn(row, a) * u[a][voxel];
+        is_beyond |= !(place > -0.5 - 1e-6 && place < other.size[row] - 0.5 + 1e-6);
+      }
+      beyond += is_beyond;
+    });
+  return static_cast<double>(beyond) / static_cast<double>(lattice.sites());
 }
 
 #define SALTUS_MEASURES(DIM)                                                             \

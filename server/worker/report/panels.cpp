@@ -49,10 +49,15 @@ std::string Panels<Dim>::gallery(const std::vector<std::string>& figures, Galler
 
 template <int Dim>
 std::string Panels<Dim>::image(const SlicePlane<Dim>& plane, const Raster& raster, const std::string& what) {
+  return image(plane, data_uri(raster), what);
+}
+
+template <int Dim>
+std::string Panels<Dim>::image(const SlicePlane<Dim>& plane, const std::string& uri, const std::string& what) {
   // Few pixels are shown as the squares they are; many are scaled smoothly.
-  const char* scaling = std::max(raster.width, raster.height) < 200 ? " class=\"pixels\"" : "";
+  const char* scaling = std::max(plane.width, plane.height) < 200 ? " class=\"pixels\"" : "";
   return "<img" + std::string(scaling) + " alt=\"" + escaped(plane.name.empty() ? what : what + ", " + plane.name) +
-         "\" src=\"" + data_uri(raster) + "\">";
+         "\" src=\"" + uri + "\">";
 }
 
 template <int Dim>

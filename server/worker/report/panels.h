@@ -33,6 +33,8 @@ class Panels {
   static std::string gallery(const std::vector<std::string>& figures, GalleryWidth width);
   static std::string image(const drawing::SlicePlane<Dim>& plane, const drawing::Raster& raster,
                            const std::string& what);
+  /// The same of a picture of the plane as its data_uri.
+  static std::string image(const drawing::SlicePlane<Dim>& plane, const std::string& uri, const std::string& what);
   /// An <svg> over a picture, in picture pixels.
   static std::string overlay(const drawing::SlicePlane<Dim>& plane, const std::string& kind, const std::string& paths);
   /// Orientation letters at the four sides.

@@ -4,7 +4,6 @@
 #include "core/drawing/field_sampling.h"
 #include "core/drawing/painting.h"
 #include "core/evaluation/statistics.h"
-#include "server/worker/report/measures.h"
 
 #include <algorithm>
 #include <cmath>
@@ -17,10 +16,11 @@ namespace {
 
 template <int Dim>
 double largest(const VectorVolume<Dim>& field) {
+  const std::size_t sites = field.grid.voxels();
   double most = 0;
-  for (std::size_t site = 0; site < field.grid.voxels(); ++site) {
+  for (std::size_t site = 0; site < sites; ++site) {
     double squares = 0;
-    for (int c = 0; c < Dim; ++c) squares += std::pow(static_cast<double>(field.component(c)[site]), 2);
+    for (std::size_t c = 0; c < Dim; ++c) squares += std::pow(static_cast<double>(field.samples[c * sites + site]), 2);
     most = std::max(most, squares);
   }
   return std::sqrt(most);
@@ -29,7 +29,7 @@ double largest(const VectorVolume<Dim>& field) {
 }  // namespace
 
 template <int Dim>
-Pictures<Dim>::Pictures(const ReportInput<Dim>& input) : input_(input) {
+Pictures<Dim>::Pictures(const ReportInput<Dim>& input, const DisplacementMeasures& motion) : input_(input) {
   const RegistrationInput<Dim>& images = *input.input;
   const RegistrationResult<Dim>& result = *input.result;
   fixed_window_ = window_of(images.fixed);
@@ -45,21 +45,18 @@ Pictures<Dim>::Pictures(const ReportInput<Dim>& input) : input_(input) {
     }
     return index;
   };
-  difference_range_ =
-      std::max(0.02, quantile_of_sorted(thinned_and_sorted(grid.voxels(),
-                                                           [&](std::size_t voxel) {
-                                                             const Vector<Dim> index = index_of(voxel);
-                                                             return std::abs(moving_at(index) - fixed_at(index));
-                                                           }),
-                                        0.99));
-  displacement_range_ = measure_displacement(result.displacement).max_mm;
+  auto differences = thinned(grid.voxels(), [&](std::size_t voxel) {
+    const Vector<Dim> index = index_of(voxel);
+    return std::abs(moving_at(index) - fixed_at(index));
+  });
+  difference_range_ = std::max(0.02, quantile_of(differences, 0.99));
+  displacement_range_ = motion.max_mm;
   if (!(displacement_range_ > 0)) displacement_range_ = 1;
-  const double logarithm = quantile_of_sorted(thinned_and_sorted(grid.voxels(),
-                                                                 [&](std::size_t voxel) {
-                                                                   const double j = result.jacobian.samples[voxel];
-                                                                   return j > 0 ? std::abs(std::log2(j)) : 0.0;
-                                                                 }),
-                                              0.999);
+  auto logarithms = thinned(grid.voxels(), [&](std::size_t voxel) {
+    const double j = result.jacobian.samples[voxel];
+    return j > 0 ? std::abs(std::log2(j)) : 0.0;
+  });
+  const double logarithm = quantile_of(logarithms, 0.999);
   jacobian_range_ = std::exp2(std::clamp(logarithm, std::log2(1.1), 2.0));
   // The first-order fields of one kernel share a scale: which axis carries the jump is what one wants to see.
   for (const MomentumField<Dim>& field : result.momenta) {

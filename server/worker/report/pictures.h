@@ -3,6 +3,7 @@
 #include "core/drawing/painting.h"
 #include "core/drawing/raster.h"
 #include "core/drawing/slice_plane.h"
+#include "server/worker/report/measures.h"
 #include "server/worker/report/report.h"
 
 namespace saltus::report {
@@ -12,7 +13,8 @@ namespace saltus::report {
 template <int Dim>
 class Pictures {
  public:
-  explicit Pictures(const ReportInput<Dim>& input);
+  /// `motion` is what was measured of the displacement.
+  Pictures(const ReportInput<Dim>& input, const DisplacementMeasures& motion);
 
   drawing::Raster fixed(const drawing::SlicePlane<Dim>& plane) const;
   drawing::Raster moving(

@@ -27,14 +27,16 @@ struct ReportInput {
   std::map<std::string, double> stage_seconds;     ///< wall seconds of what was done around the registration, by name
 };
 
-/// The report for programs: settings, grids, levels, convergence, similarity, landmark errors, Jacobian, timings.
-/// server/worker/report/README.md lists the fields. Throws InvalidInput when the numbers of landmarks differ.
 template <int Dim>
-std::string report_json(const ReportInput<Dim>& input);
+struct Analysis;  // analysis.h
+
+/// The report for programs: settings, grids, levels, convergence, similarity, landmark errors, Jacobian, timings.
+/// server/worker/report/README.md lists the fields. `analysis` is that of `input`.
+template <int Dim>
+std::string report_json(const ReportInput<Dim>& input, const Analysis<Dim>& analysis);
 
 /// The same for people: one HTML page with its pictures inside, which loads nothing from anywhere.
-/// Throws InvalidInput when the numbers of landmarks differ.
 template <int Dim>
-std::string report_html(const ReportInput<Dim>& input);
+std::string report_html(const ReportInput<Dim>& input, const Analysis<Dim>& analysis);
 
 }  // namespace saltus::report

@@ -236,8 +236,7 @@ std::string timing_section(const ReportInput<Dim>& input) {
 }  // namespace
 
 template <int Dim>
-std::string report_html(const ReportInput<Dim>& input) {
-  const Analysis<Dim> analysis = analyse(input);
+std::string report_html(const ReportInput<Dim>& input, const Analysis<Dim>& analysis) {
   const RegistrationOptions& options = *input.options;
   const std::string title = escaped(input.title.empty() ? "Registration" : input.title);
   std::string html =
@@ -262,7 +261,7 @@ std::string report_html(const ReportInput<Dim>& input) {
   return html;
 }
 
-template std::string report_html(const ReportInput<2>&);
-template std::string report_html(const ReportInput<3>&);
+template std::string report_html(const ReportInput<2>&, const Analysis<2>&);
+template std::string report_html(const ReportInput<3>&, const Analysis<3>&);
 
 }  // namespace saltus::report

@@ -128,11 +128,10 @@ Json describe(const MomentumField<Dim>& field) {
 }  // namespace
 
 template <int Dim>
-std::string report_json(const ReportInput<Dim>& input) {
+std::string report_json(const ReportInput<Dim>& input, const Analysis<Dim>& analysis) {
   const RegistrationOptions& options = *input.options;
   const RegistrationResult<Dim>& result = *input.result;
   const RegistrationSummary& summary = result.summary;
-  const Analysis<Dim> analysis = analyse(input);
 
   Json json;
   json["title"] = input.title;
@@ -196,7 +195,7 @@ std::string report_json(const ReportInput<Dim>& input) {
   return json.dump(2, ' ', false, Json::error_handler_t::replace) + "\n";
 }
 
-template std::string report_json(const ReportInput<2>&);
-template std::string report_json(const ReportInput<3>&);
+template std::string report_json(const ReportInput<2>&, const Analysis<2>&);
+template std::string report_json(const ReportInput<3>&, const Analysis<3>&);
 
 }  // namespace saltus::report

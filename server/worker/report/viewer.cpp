@@ -44,11 +44,13 @@ class ThinnedVolumes {
   int columns() const { return columns_; }
   int factor(int axis) const { return axis < Dim ? factors_[axis] : 1; }
 
-  /// Slices side by side, as a picture's bytes; `value` of a voxel's index is clipped to 0 ... 255.
+  /// Slices side by side, as a picture's bytes; `value` of a voxel's index is clipped to 0 ... 255. Several
+  /// threads ask for it.
   template <class Value>
   GreyRaster atlas(const Value& value) const {
     const int rows = (size(2) + columns_ - 1) / columns_;
     GreyRaster picture(columns_ * size(0), rows * size(1));
+#pragma omp parallel for schedule(static)
     for (int z = 0; z < size(2); ++z)
       for (int y = 0; y < size(1); ++y)
         for (int x = 0; x < size(0); ++x) {

@@ -1,4 +1,4 @@
-#include "server/rpc/crc32c.h"
+#include "proto/crc32c.h"
 #include "server/rpc/limits.h"
 #include "tests/integration/server/daemon_test.h"
 

@@ -1,6 +1,8 @@
 // What still happens in a daemon that is told to stop.
 #include "tests/integration/server/daemon_test.h"
 
+#include <grpc/grpc.h>
+
 #include <condition_variable>
 #include <mutex>
 
@@ -61,6 +63,18 @@ TEST_F(Stop, ADaemonThatStopsDoesNotCallItself) {
   const std::string answered = line_of(pings);
   clock->wait_for_looks(30);
   EXPECT_EQ(line_of(pings), answered);
+}
+
+// Whoever lets go of gRPC last waits for its threads, which may look up only after 10 s.
+TEST_F(Stop, ADaemonThatIsGoneHasNotWaitedForGrpc) {
+  start();
+  jobs.reset();
+  blobs.reset();
+  info.reset();
+  worker.reset();
+  channel.reset();
+  crash();
+  EXPECT_NE(grpc_is_initialized(), 0);
 }
 
 }  // namespace

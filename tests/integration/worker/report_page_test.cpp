@@ -91,7 +91,7 @@ TEST_F(ReportPage, RunsItsViewerWithoutAComplaint) {
   ReportScene<3> scene(3);
   scene.add_landmark({2, 5, 7}, 1);
   for (const auto& [fragment, shown] : {std::pair{"", "wipe"}, {"#view=after", "after"}, {"#view=nonsense", "wipe"}}) {
-    const Visit page = document(report_html(scene.report), fragment);
+    const Visit page = document(html_of(scene.report), fragment);
     EXPECT_THAT(page.document, HasSubstr("data-state=\"ready\"")) << fragment;
     EXPECT_THAT(page.document, HasSubstr("data-shown=\"" + std::string(shown) + "\"")) << fragment;
     EXPECT_THAT(page.complaints, Not(HasSubstr("CONSOLE"))) << fragment;
@@ -99,7 +99,7 @@ TEST_F(ReportPage, RunsItsViewerWithoutAComplaint) {
 }
 
 TEST_F(ReportPage, PaintsWhatIsAskedFor) {
-  const std::string html = report_html(ReportScene<2>(3).report);
+  const std::string html = html_of(ReportScene<2>(3).report);
   const auto fixed = picture(html, "#view=fixed"), moved = picture(html, "#view=displacement");
   ASSERT_EQ(fixed.size(), moved.size());
   std::size_t different = 0;
@@ -115,7 +115,7 @@ TEST_F(ReportPage, PaintsWhatIsAskedFor) {
 }
 
 TEST_F(ReportPage, LoadsNothingEvenWhereSomethingAsksForIt) {
-  std::string html = report_html(ReportScene<2>(3).report);
+  std::string html = html_of(ReportScene<2>(3).report);
   html.insert(html.find("<footer>"), "<img src=\"http://127.0.0.1:9/x.png\"><script>document.title = 'run'</script>");
   const Visit page = document(html);
   EXPECT_THAT(page.complaints, HasSubstr("Content Security Policy"));

@@ -1,6 +1,7 @@
 #include "client/lib/blob_transfer.h"
 
 #include "client/lib/client_error.h"
+#include "proto/crc32c.h"
 #include "tests/support/fake_daemon.h"
 
 #include <map>

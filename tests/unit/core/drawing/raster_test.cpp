@@ -35,6 +35,17 @@ TEST(EncodePng, GivesEveryPixelBack) {
   }
 }
 
+TEST(EncodePng, NeedsOneChannelForWhatHasNoColour) {
+  std::mt19937 random(7);
+  Raster raster(33, 70);
+  for (Colour& pixel : raster.pixels) pixel.fill(static_cast<std::uint8_t>(random()));
+  const std::string grey = encode_png(raster);
+  EXPECT_EQ(decode(grey).pixels, raster.pixels);
+  EXPECT_LT(grey.size(), 33u * 70 + 300);  // noise has a byte of content a channel
+  raster.at(32, 69) = {1, 2, 3};
+  EXPECT_EQ(decode(encode_png(raster)).pixels, raster.pixels);
+}
+
 TEST(Base64, FollowsRfc4648) {  // its section 10
   EXPECT_EQ(base64(""), "");
   EXPECT_EQ(base64("f"), "Zg==");

@@ -2,7 +2,9 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
+#include <random>
 
 namespace saltus {
 namespace {
@@ -24,6 +26,21 @@ TEST(Statistics, OfOneValueAndOfNone) {
   EXPECT_EQ(one.sd, 0);
   EXPECT_EQ(one.p90, 7);
   EXPECT_EQ(summarise({}).n, 0u);
+}
+
+// Oracle: sorting.
+TEST(Statistics, QuantilesNeedNoOrder) {
+  std::mt19937 random(5);
+  for (const std::size_t count : {1u, 2u, 3u, 100u, 101u}) {
+    std::vector<double> values(count);
+    for (double& value : values) value = static_cast<double>(random() % 50) / 7;  // some of them equal
+    std::vector<double> sorted = values;
+    std::sort(sorted.begin(), sorted.end());
+    for (const double quantile : {0.0, 0.002, 0.5, 0.9, 0.99, 1.0}) {
+      std::shuffle(values.begin(), values.end(), random);
+      EXPECT_EQ(quantile_of(values, quantile), quantile_of_sorted(sorted, quantile)) << count << ", " << quantile;
+    }
+  }
 }
 
 }  // namespace

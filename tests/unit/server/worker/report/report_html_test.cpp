@@ -21,7 +21,7 @@ std::size_t count(const std::string& text, const std::string& part) {
 
 template <class Scene>
 void expect_self_contained(const Scene& scene) {
-  const std::string html = report_html(scene.report);
+  const std::string html = html_of(scene.report);
   EXPECT_THAT(html, Not(HasSubstr("http:")));
   EXPECT_THAT(html, Not(HasSubstr("https:")));
   for (const char* loader : {"<link", "<iframe", "<object", "<embed", "@import", "url(", "srcset", "fetch(",
@@ -47,22 +47,22 @@ TEST(ReportHtml, LoadsNothingFromAnywhere) {
 TEST(ReportHtml, ClosesWhatItOpens) {
   ReportScene<3> scene(3);
   scene.add_landmark({2, 5, 7}, 1);
-  const std::string html = report_html(scene.report);
+  const std::string html = html_of(scene.report);
   for (const std::string tag : {"html", "head", "body", "main", "section", "div", "figure", "figcaption", "table", "tr",
                                 "td", "th", "svg", "text", "span", "p", "h2"})
     EXPECT_EQ(count(html, "<" + tag + ">") + count(html, "<" + tag + " "), count(html, "</" + tag + ">")) << tag;
 }
 
 TEST(ReportHtml, ShowsThreePlanesOfAVolumeAndOneOfAFlatImage) {
-  EXPECT_THAT(report_html(ReportScene<3>(3).report),
+  EXPECT_THAT(html_of(ReportScene<3>(3).report),
               testing::AllOf(HasSubstr("axial"), HasSubstr("coronal"), HasSubstr("sagittal")));
-  EXPECT_THAT(report_html(ReportScene<2>(3).report), Not(HasSubstr("axial")));
+  EXPECT_THAT(html_of(ReportScene<2>(3).report), Not(HasSubstr("axial")));
 }
 
 TEST(ReportHtml, ShowsTheKeyNumbers) {
   ReportScene<2> scene(3);
   scene.add_landmark({2, 5}, 0.5);
-  const std::string html = report_html(scene.report);
+  const std::string html = html_of(scene.report);
   EXPECT_THAT(html, HasSubstr("3.04 \u2192 0.5 mm"));  // hypot(0.5, 3)
   EXPECT_THAT(html, HasSubstr("72 % less"));           // 9 to 2.5
   EXPECT_THAT(html, HasSubstr("0.71 %"));              // one voxel of 140 in the interior folds
@@ -72,43 +72,43 @@ TEST(ReportHtml, ShowsTheKeyNumbers) {
 TEST(ReportHtml, ShowsATitleAsText) {
   ReportScene<2> scene(3);
   scene.report.title = "<script>alert('x')</script> & co";
-  const std::string html = report_html(scene.report);
+  const std::string html = html_of(scene.report);
   EXPECT_THAT(html, Not(HasSubstr("<script>alert")));
   EXPECT_EQ(count(html, "<script"), 1u);  // the viewer's
   EXPECT_THAT(html, HasSubstr("&lt;script&gt;"));
 }
 
 TEST(ReportHtml, CarriesTheVolumesOfTheViewer) {
-  const std::string html = report_html(ReportScene<3>(3).report);
+  const std::string html = html_of(ReportScene<3>(3).report);
   for (const char* name : {"fixed", "moving", "registered", "displacement", "jacobian"})
     EXPECT_EQ(count(html, "data-volume=\"" + std::string(name) + "\""), 1u) << name;
   EXPECT_EQ(count(html, "data-slice"), 3u + 2u);  // a slider for each plane; the script speaks of it twice
-  EXPECT_EQ(count(report_html(ReportScene<2>(3).report), "data-slice min"), 0u);
+  EXPECT_EQ(count(html_of(ReportScene<2>(3).report), "data-slice min"), 0u);
 }
 
 TEST(ReportHtml, ShowsTheJumpAlongTheInterface) {
-  EXPECT_THAT(report_html(ReportScene<3>(3).report),
+  EXPECT_THAT(html_of(ReportScene<3>(3).report),
               testing::AllOf(HasSubstr("Tangential jump"), HasSubstr("point of the largest tangential jump")));
-  EXPECT_THAT(report_html(ReportScene<3>(0).report), HasSubstr("No sliding interface found"));
+  EXPECT_THAT(html_of(ReportScene<3>(0).report), HasSubstr("No sliding interface found"));
 }
 
 TEST(ReportHtml, DoesNotCallSteepSmoothMotionASlide) {
   ReportScene<3> scene(3);
   scene.result.momenta.pop_back();  // order 0 is left
-  const std::string html = report_html(scene.report);
+  const std::string html = html_of(scene.report);
   EXPECT_THAT(html, testing::AllOf(HasSubstr("Where it changes most"), HasSubstr("Steepest change, smooth"),
                                    HasSubstr("Tangential change"), Not(HasSubstr("Where it slides"))));
 }
 
 TEST(ReportHtml, NamesMomentaThatAreZeroEverywhereWithoutAPicture) {
-  const std::string html = report_html(ReportScene<2>(3).report);
+  const std::string html = html_of(ReportScene<2>(3).report);
   EXPECT_THAT(html, HasSubstr("Without a momentum anywhere: Order 1, axis x, width 4 mm."));
   EXPECT_EQ(count(html, "alt=\"Order 1"), 0u);
 }
 
 // Interface between x = 5 and 6, all along y.
 TEST(ReportHtml, BeginsItsViewerWhereTheJumpIs) {
-  EXPECT_THAT(report_html(ReportScene<2>(3).report), testing::ContainsRegex("start&quot;:.5,[1-9]"));
+  EXPECT_THAT(html_of(ReportScene<2>(3).report), testing::ContainsRegex("start&quot;:.5,[1-9]"));
 }
 
 TEST(ReportHtml, StaysSmallWhenTheImagesAreLargeAndFullOfNoise) {
@@ -116,7 +116,7 @@ TEST(ReportHtml, StaysSmallWhenTheImagesAreLargeAndFullOfNoise) {
   std::mt19937 random(3);
   for (Volume<3>* image : {&scene.images.fixed, &scene.images.moving, &scene.result.warped})
     for (float& sample : image->samples) sample = static_cast<float>(random() % 1000);
-  EXPECT_LT(report_html(scene.report).size(), 8u << 20);
+  EXPECT_LT(html_of(scene.report).size(), 8u << 20);
 }
 
 TEST(ReportHtml, CopesWithAConstantImageAndNoMotion) {
@@ -126,7 +126,7 @@ TEST(ReportHtml, CopesWithAConstantImageAndNoMotion) {
   std::fill(scene.result.jacobian.samples.begin(), scene.result.jacobian.samples.end(), 1.0f);
   scene.result.momenta.clear();
   scene.result.summary.history.clear();
-  const std::string html = report_html(scene.report);
+  const std::string html = html_of(scene.report);
   EXPECT_FALSE(std::regex_search(html, std::regex("[^a-z](nan|inf)[^a-z]")));
 }
 

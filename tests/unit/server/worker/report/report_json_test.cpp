@@ -16,7 +16,7 @@ using nlohmann::json;
 
 TEST(ReportJson, TellsSettingsGridsAndConvergence) {
   const ReportScene<3> scene(3);
-  const json report = json::parse(report_json(scene.report));
+  const json report = json::parse(json_of(scene.report));
   EXPECT_EQ(report["dimension"], 3);
   EXPECT_EQ(report["model"], "sliding");
   EXPECT_EQ(report["similarity"], "ssd");
@@ -49,36 +49,36 @@ TEST(ReportJson, TellsSettingsGridsAndConvergence) {
 
 TEST(ReportJson, TellsWhatALevelDecidedOnFirstOrderMomenta) {
   ReportScene<2> scene(3);
-  EXPECT_FALSE(json::parse(report_json(scene.report))["levels"][0].contains("first_order_momenta"));
+  EXPECT_FALSE(json::parse(json_of(scene.report))["levels"][0].contains("first_order_momenta"));
   LevelSummary& level = scene.result.summary.levels[0];
   level.first_order_gain = 0.375;
   level.first_order_shear = 1.75;
   for (bool is_in : {true, false}) {
     level.decision = is_in ? FirstOrderDecision::LetIn : FirstOrderDecision::LeftOut;
-    EXPECT_EQ(json::parse(report_json(scene.report))["levels"][0]["first_order_momenta"],
+    EXPECT_EQ(json::parse(json_of(scene.report))["levels"][0]["first_order_momenta"],
               json({{"let_in", is_in}, {"promised_gain", 0.375}, {"promised_shear", 1.75}}));
   }
 }
 
 TEST(ReportJson, TellsHowManyOrientedMomentaALevelHasAndWhy) {
   ReportScene<2> scene(3);
-  EXPECT_FALSE(json::parse(report_json(scene.report))["levels"][0].contains("oriented_momenta"));
+  EXPECT_FALSE(json::parse(json_of(scene.report))["levels"][0].contains("oriented_momenta"));
   scene.result.summary.levels[0].oblique_share = 0.75;
   scene.result.summary.levels[0].oriented_elements = 17;
-  EXPECT_EQ(json::parse(report_json(scene.report))["levels"][0]["oriented_momenta"],
+  EXPECT_EQ(json::parse(json_of(scene.report))["levels"][0]["oriented_momenta"],
             json({{"elements", 17}, {"oblique_share", 0.75}}));
 }
 
 TEST(ReportJson, CarriesTheNotices) {
   ReportScene<2> scene(2);
-  EXPECT_EQ(json::parse(report_json(scene.report))["notices"], json::array());
+  EXPECT_EQ(json::parse(json_of(scene.report))["notices"], json::array());
   scene.result.summary.notices = {"fixed image is 7 everywhere"};
-  EXPECT_EQ(json::parse(report_json(scene.report))["notices"], json({"fixed image is 7 everywhere"}));
+  EXPECT_EQ(json::parse(json_of(scene.report))["notices"], json({"fixed image is 7 everywhere"}));
 }
 
 TEST(ReportJson, MeasuresDisplacementJacobianAndMomenta) {
   const ReportScene<2> scene(3);
-  const json report = json::parse(report_json(scene.report));
+  const json report = json::parse(json_of(scene.report));
   const double voxels = 12 * 16;
   EXPECT_NEAR(report["displacement_mm"]["mean"].get<double>(), 3, 1e-6);
   EXPECT_NEAR(report["displacement_mm"]["max"].get<double>(), 3, 1e-6);
@@ -100,7 +100,7 @@ TEST(ReportJson, MeasuresDisplacementJacobianAndMomenta) {
 TEST(ReportJson, MeasuresLandmarksBeforeAndAfter) {
   ReportScene<3> scene(3);
   for (double error : {0.0, 1.0, 2.0, 4.0, 8.0}) scene.add_landmark({2, 5, 7}, error);
-  const json errors = json::parse(report_json(scene.report))["landmark_error_mm"];
+  const json errors = json::parse(json_of(scene.report))["landmark_error_mm"];
   EXPECT_FALSE(errors.contains("affine_start"));
   EXPECT_EQ(errors["after"]["n"], 5);
   EXPECT_NEAR(errors["after"]["mean"].get<double>(), 3, 1e-6);
@@ -115,7 +115,7 @@ TEST(ReportJson, TellsWhatTheAffineStartAloneReaches) {
   ReportScene<2> scene(3);
   scene.add_landmark({2, 5}, 0);  // its partner is 3 mm further along y
   scene.images.start.offset = {0, 2};
-  const json errors = json::parse(report_json(scene.report))["landmark_error_mm"];
+  const json errors = json::parse(json_of(scene.report))["landmark_error_mm"];
   EXPECT_NEAR(errors["before"]["mean"].get<double>(), 3, 1e-6);
   EXPECT_NEAR(errors["affine_start"]["mean"].get<double>(), 1, 1e-6);
 }
@@ -126,7 +126,7 @@ TEST(ReportJson, MeasuresLandmarksThatTheFlowCarriedApartFromThoseThatStopped) {
   for (double error : {1.0, 3.0, 50.0})
     scene.result.moved_points.push_back({scene.report.moving_points[0] + Vector<2>(0, error), Matrix<2>::Identity()});
   scene.result.moved_points[2].ending = TrajectoryEnd::Escaping;
-  const json report = json::parse(report_json(scene.report));
+  const json report = json::parse(json_of(scene.report));
   EXPECT_EQ(report["landmark_error_mm"]["after_particles"]["n"], 2);
   EXPECT_NEAR(report["landmark_error_mm"]["after_particles"]["mean"].get<double>(), 2, 1e-6);
   EXPECT_EQ(report["landmark_particles_stopped"], 1);
@@ -137,7 +137,7 @@ TEST(ReportJson, LeavesOutWhatIsNotKnown) {
   ReportScene<2> scene(3);
   scene.report.peak_memory_bytes = 0;
   scene.result.summary.hamiltonian_drift = -1;
-  const json report = json::parse(report_json(scene.report));
+  const json report = json::parse(json_of(scene.report));
   for (const char* name : {"peak_memory_bytes", "hamiltonian_drift", "landmark_error_mm"})
     EXPECT_FALSE(report.contains(name)) << name;
 }
@@ -146,7 +146,7 @@ TEST(ReportJson, StaysJsonWithAnyTitleAndAnyNumber) {
   ReportScene<2> scene(3);
   scene.report.title = "quote \" and \xff\xfe bytes";
   scene.result.summary.similarity_after = std::numeric_limits<double>::quiet_NaN();
-  const json report = json::parse(report_json(scene.report));
+  const json report = json::parse(json_of(scene.report));
   EXPECT_THAT(report["title"].get<std::string>(), testing::StartsWith("quote \" and "));
   EXPECT_TRUE(report["similarity_value"]["after"].is_null());
 }
@@ -155,8 +155,8 @@ TEST(ReportJson, RefusesUnequalNumbersOfLandmarks) {
   ReportScene<2> scene(3);
   scene.add_landmark({2, 5}, 0);
   scene.report.moving_points.clear();
-  EXPECT_THROW(report_json(scene.report), InvalidInput);
-  EXPECT_THROW(report_html(scene.report), InvalidInput);
+  EXPECT_THROW(json_of(scene.report), InvalidInput);
+  EXPECT_THROW(html_of(scene.report), InvalidInput);
 }
 
 }  // namespace

@@ -1,10 +1,20 @@
 #pragma once
 
+#include "server/worker/report/analysis.h"
 #include "server/worker/report/report.h"
 
 #include <cmath>
 
 namespace saltus::report {
+
+template <int Dim>
+std::string json_of(const ReportInput<Dim>& input) {
+  return report_json(input, analyse(input));
+}
+template <int Dim>
+std::string html_of(const ReportInput<Dim>& input) {
+  return report_html(input, analyse(input));
+}
 
 /// A finished registration whose numbers are known in closed form: the half with x < middle shifts by `shift_mm` along
 /// the last axis, the other half against it. Owns what ReportInput points to, so it is not copied.

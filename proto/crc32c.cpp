@@ -1,9 +1,14 @@
-#include "server/rpc/crc32c.h"
+#include "proto/crc32c.h"
 
 #include <array>
 #include <cstddef>
+#include <cstring>
 
-namespace saltus::server {
+#ifdef __x86_64__
+#include <nmmintrin.h>
+#endif
+
+namespace saltus {
 namespace {
 
 // Slicing by 8 (Kounavis and Berry 2005): table[k][b] is the remainder of byte b followed by k zero bytes.
@@ -24,9 +29,25 @@ constexpr Tables make_tables() {
 
 constexpr Tables kTables = make_tables();
 
+#ifdef __x86_64__
+__attribute__((target("sse4.2"))) std::uint32_t crc32c_by_instruction(std::string_view bytes) {
+  std::uint64_t crc = ~0u;
+  const char* data = bytes.data();
+  std::size_t left = bytes.size();
+  for (; left >= 8; left -= 8, data += 8) {
+    std::uint64_t eight;
+    std::memcpy(&eight, data, sizeof eight);
+    crc = _mm_crc32_u64(crc, eight);
+  }
+  auto last = static_cast<std::uint32_t>(crc);
+  for (; left > 0; --left, ++data) last = _mm_crc32_u8(last, static_cast<unsigned char>(*data));
+  return ~last;
+}
+#endif
+
 }  // namespace
 
-std::uint32_t crc32c(std::string_view bytes) {
+std::uint32_t crc32c_by_tables(std::string_view bytes) {
   std::uint32_t crc = ~0u;
   const auto* data = reinterpret_cast<const unsigned char*>(bytes.data());
   std::size_t left = bytes.size();
@@ -40,4 +61,13 @@ std::uint32_t crc32c(std::string_view bytes) {
   return ~crc;
 }
 
-}  // namespace saltus::server
+std::uint32_t crc32c(std::string_view bytes) {
+#ifdef __x86_64__
+  // The programs run on processors older than the one they are built on.
+  static const bool has_instruction = __builtin_cpu_supports("sse4.2");
+  if (has_instruction) return crc32c_by_instruction(bytes);
+#endif
+  return crc32c_by_tables(bytes);
+}
+
+}  // namespace saltus
