@@ -63,9 +63,8 @@ RegistrationOptions default_options(Model model, SimilarityType similarity, Pres
       // core/README.md, "Only where it slides"
       o.momenta.first_order_gain = 2.6;
       if (similarity == SimilarityType::Ssd) o.momenta.first_order_gain = 2;
-      if (is_correlation) o.momenta.first_order_gain = 1;
-      if (similarity == SimilarityType::Lncc) o.momenta.first_order_shear = 0.6;
-      if (similarity == SimilarityType::Ncc) o.momenta.first_order_shear = 1.45;
+      if (similarity == SimilarityType::Lncc) o.momenta.first_order_gain = 3.7, o.momenta.first_order_shear = 0.6;
+      if (similarity == SimilarityType::Ncc) o.momenta.first_order_gain = 1, o.momenta.first_order_shear = 1.15;
       [[fallthrough]];
     case Model::Sliding:
       o.momenta.first_order_scales = 1;

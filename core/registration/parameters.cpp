@@ -242,7 +242,8 @@ const std::vector<Parameter>& parameters() {
           [](O & o) -> auto& { return o.momenta.scales; }),
       integer(
           "finest_scale", "", -2, 7,
-          "voxel of the finest order-0 scale is 2^this reference voxels; -1: the finest level's, -2: the next coarser",
+          "voxel of the finest order-0 scale is 2^this reference voxels; -1: the finest level's, in 2-D at least 1 where "
+          "order 0 is Gaussian and the similarity not ssd; -2: the next coarser",
           [](O & o) -> auto& { return o.momenta.finest_scale; }),
       real(
           "regularisation", "per mm^2", 0, Lower::Exclusive, inf, "weight of the order-0 part of the energy",

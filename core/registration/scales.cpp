@@ -50,8 +50,12 @@ RegistrationOptions resolved(const RegistrationOptions& options, const Lattice<D
     o.pyramid.levels = std::max(levels, finest + 1);
   }
   const double finest_noise = noise_of_level(noise, image, level_lattice(image, finest));
-  if (o.momenta.finest_scale < 0)
-    o.momenta.finest_scale = std::min(finest - 1 - o.momenta.finest_scale, o.pyramid.levels - 1);
+  if (o.momenta.finest_scale < 0) {
+    int scale = finest - 1 - o.momenta.finest_scale;
+    // A Gaussian of so many pixels holds far fewer samples than one of as many voxels, and follows their noise.
+    if (Dim == 2 && is_zeroth_gaussian(o.model) && o.similarity != SimilarityType::Ssd) scale = std::max(scale, 1);
+    o.momenta.finest_scale = std::min(scale, o.pyramid.levels - 1);
+  }
   if (o.momenta.first_order_finest_scale < 0) o.momenta.first_order_finest_scale = finest;
   if (o.momenta.orientations < 0) {
     const bool can = o.momenta.first_order_scales > 0 && o.model != Model::Directional && o.momenta.sparsity > 0 &&
