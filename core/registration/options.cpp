@@ -60,11 +60,7 @@ RegistrationOptions default_options(Model model, SimilarityType similarity, Pres
       o.momenta.first_order_scales = 8;  // beside every order-0 scale
       break;
     case Model::Auto:
-      // core/README.md, "Only where it slides"
-      o.momenta.first_order_gain = 2.6;
-      if (similarity == SimilarityType::Ssd) o.momenta.first_order_gain = 2;
-      if (similarity == SimilarityType::Lncc) o.momenta.first_order_gain = 3.7, o.momenta.first_order_shear = 0.6;
-      if (similarity == SimilarityType::Ncc) o.momenta.first_order_gain = 1, o.momenta.first_order_shear = 1.15;
+      o.momenta.first_order_gain = -1;
       [[fallthrough]];
     case Model::Sliding:
       o.momenta.first_order_scales = 1;

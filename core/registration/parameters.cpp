@@ -283,12 +283,14 @@ const std::vector<Parameter>& parameters() {
           "1,0,0; none when a field of directions is given",
           [](O & o) -> auto& { return o.momenta.direction; }),
       real(
-          "first_order_gain", "similarity left", 0, Lower::Inclusive, inf,
-          "order 1 takes part only if it promises to gain so much when order 0 has settled; 0: always",
+          "first_order_gain", "similarity left", -1, Lower::Inclusive, inf,
+          "order 1 takes part only if it promises to gain so much when order 0 has settled; 0: always, -1: by similarity "
+          "and dimension",
           [](O & o) -> auto& { return o.momenta.first_order_gain; }),
       real(
-          "first_order_shear", "", 0, Lower::Inclusive, inf,
-          "and only if it is pulled so much more along interfaces than across them (1: by noise)",
+          "first_order_shear", "", -1, Lower::Inclusive, inf,
+          "and only if it is pulled so much more along interfaces than across them (1: by noise); -1: by similarity and "
+          "dimension",
           [](O & o) -> auto& { return o.momenta.first_order_shear; }),
       integer(
           "orientations", "", -1, 13,
@@ -413,7 +415,7 @@ std::vector<std::string> problems(const RegistrationOptions& options) {
   if (options.pyramid.levels > 0 && options.pyramid.finest_level >= options.pyramid.levels)
     found.push_back("parameter finest_level is " + std::to_string(options.pyramid.finest_level) +
                     "; it must be less than levels, which is " + std::to_string(options.pyramid.levels));
-  if (options.momenta.first_order_gain > 0 && options.model == Model::Directional)
+  if (options.momenta.first_order_gain != 0 && options.model == Model::Directional)
     found.push_back("parameter first_order_gain is " + std::to_string(options.momenta.first_order_gain) +
                     " and the model is directional, whose first orders always take part; it must be 0");
   if (options.momenta.orientations > 0) {

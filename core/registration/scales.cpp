@@ -13,6 +13,24 @@ namespace {
 /// At which the narrower width of order 0 counts half; measured, core/README.md, "Widths".
 constexpr double kNoiseOfFineWidth = 0.015;
 
+/// What first orders have to promise, see FirstOrderPromise; measured, core/README.md, "Only where it slides".
+struct LeastPromise {
+  double gain, shear;
+};
+
+LeastPromise least_promise(SimilarityType similarity, int dimension) {
+  switch (similarity) {
+    case SimilarityType::Ssd:
+      return {2, 1.1};
+    case SimilarityType::Lncc:
+      return {dimension == 2 ? 3.7 : 1, 0.6};
+    case SimilarityType::Ncc:
+      return {1, dimension == 2 ? 1.15 : 1.45};
+    default:
+      return {2.6, 1.1};
+  }
+}
+
 }  // namespace
 
 template <int Dim>
@@ -57,6 +75,9 @@ RegistrationOptions resolved(const RegistrationOptions& options, const Lattice<D
     o.momenta.finest_scale = std::min(scale, o.pyramid.levels - 1);
   }
   if (o.momenta.first_order_finest_scale < 0) o.momenta.first_order_finest_scale = finest;
+  const LeastPromise least = least_promise(o.similarity, Dim);
+  if (o.momenta.first_order_gain < 0) o.momenta.first_order_gain = least.gain;
+  if (o.momenta.first_order_shear < 0) o.momenta.first_order_shear = least.shear;
   if (o.momenta.orientations < 0) {
     const bool can = o.momenta.first_order_scales > 0 && o.model != Model::Directional && o.momenta.sparsity > 0 &&
                      o.flow.evolution == Evolution::Carried;
