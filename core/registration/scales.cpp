@@ -13,6 +13,9 @@ namespace {
 /// At which the narrower width of order 0 counts half; measured, core/README.md, "Widths".
 constexpr double kNoiseOfFineWidth = 0.015;
 
+/// Voxels that 3-D images are taken at every second of.
+bool is_fine(double reference_mm) { return 2 * reference_mm <= 3; }
+
 /// What first orders have to promise, see FirstOrderPromise; measured, core/README.md, "Only where it slides".
 struct LeastPromise {
   double gain, shear;
@@ -23,7 +26,7 @@ LeastPromise least_promise(SimilarityType similarity, int dimension) {
     case SimilarityType::Ssd:
       return {2, 1.1};
     case SimilarityType::Lncc:
-      return {dimension == 2 ? 3.7 : 1, 0.6};
+      return dimension == 2 ? LeastPromise{3.7, 0.6} : LeastPromise{1, 1.45};
     case SimilarityType::Ncc:
       return {1, dimension == 2 ? 1.15 : 1.45};
     default:
@@ -54,7 +57,7 @@ RegistrationOptions resolved(const RegistrationOptions& options, const Lattice<D
           o.pyramid.finest_level = 4 * reference_mm <= 4 ? 2 : 2 * reference_mm <= 4 ? 1 : 0;
           break;
         case Preset::Balanced:
-          o.pyramid.finest_level = 2 * reference_mm <= 3 ? 1 : 0;
+          o.pyramid.finest_level = is_fine(reference_mm) ? 1 : 0;
           break;
         case Preset::Accurate:
           break;
@@ -70,8 +73,10 @@ RegistrationOptions resolved(const RegistrationOptions& options, const Lattice<D
   const double finest_noise = noise_of_level(noise, image, level_lattice(image, finest));
   if (o.momenta.finest_scale < 0) {
     int scale = finest - 1 - o.momenta.finest_scale;
-    // A Gaussian of so many pixels holds far fewer samples than one of as many voxels, and follows their noise.
-    if (Dim == 2 && is_zeroth_gaussian(o.model) && o.similarity != SimilarityType::Ssd) scale = std::max(scale, 1);
+    // Images finer than balanced takes them are for seeing more, not for narrower kernels. And a Gaussian of so many
+    // pixels holds far fewer samples than one of as many voxels, and follows their noise.
+    if ((Dim == 2 || is_fine(reference_mm)) && is_zeroth_gaussian(o.model) && o.similarity != SimilarityType::Ssd)
+      scale = std::max(scale, 1);
     o.momenta.finest_scale = std::min(scale, o.pyramid.levels - 1);
   }
   if (o.momenta.first_order_finest_scale < 0) o.momenta.first_order_finest_scale = finest;
