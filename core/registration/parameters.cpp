@@ -243,8 +243,8 @@ const std::vector<Parameter>& parameters() {
       integer(
           "finest_scale", "", -2, 7,
           "voxel of the finest order-0 scale is 2^this reference voxels; -1: the finest level's, but where order 0 is "
-          "Gaussian and the similarity not ssd at least 1 in 2-D and, with voxels of up to 1.5 mm, in 3-D; -2: the next "
-          "coarser",
+          "Gaussian and the similarity not ssd at least 1 in 2-D, and in 3-D where accurate takes voxels of up to 1.5 mm; -2: "
+          "the next coarser",
           [](O & o) -> auto& { return o.momenta.finest_scale; }),
       real(
           "regularisation", "per mm^2", 0, Lower::Exclusive, inf, "weight of the order-0 part of the energy",
