@@ -40,8 +40,8 @@ void BackwardMap<Dim, T>::adjoint(const std::vector<Field<T>>& velocities, Field
     std::fill(predicted_dual_.begin(), predicted_dual_.end(), T(0));
     advance_adjoint<Dim, T>(points_, predicted_.data(), lattice_, velocities[k].data(), -dt / 2, dual.data(),
                             velocity_duals[k].data(), predicted_dual_.data());
-    // `dual` is that of the position at node k, now of k + 1; what goes through v_{k+1} takes the place of `predicted_`,
-    // which has served.
+    // `dual` is that of the position at node k, now of k + 1; what goes through v_{k+1} takes the place of
+    // `predicted_`, which has served.
     const std::size_t count = dual.size();
 #pragma omp parallel for simd schedule(static)
     for (std::size_t i = 0; i < count; ++i) {

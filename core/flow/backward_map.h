@@ -22,8 +22,8 @@ class BackwardMap {
  private:
   Lattice<Dim> points_, lattice_;
   int time_steps_;
-  std::vector<Field<T>> position_;  ///< displacement at node k; [time_steps] is empty, meaning 0
-  Field<T> predicted_, predicted_dual_;     ///< of the adjoint; sized once
+  std::vector<Field<T>> position_;       ///< displacement at node k; [time_steps] is empty, meaning 0
+  Field<T> predicted_, predicted_dual_;  ///< of the adjoint; sized once
 };
 
 /// What BackwardMap::follow gives, where no adjoint is wanted: one field and nothing else.

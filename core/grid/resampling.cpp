@@ -122,8 +122,7 @@ void LatticeInterpolation<Dim, T>::transpose_plane(const T* values, int plane, S
     transpose_axis(0, count, std::integral_constant<std::size_t, Dim>(), values, rows);
   else
     transpose_axis(0, count, channels, values, rows);
-  if constexpr (Dim == 3)
-    transpose_axis(1, 1, static_cast<std::size_t>(source_.size[0]) * channels, rows, reduced);
+  if constexpr (Dim == 3) transpose_axis(1, 1, static_cast<std::size_t>(source_.size[0]) * channels, rows, reduced);
 }
 
 template <int Dim, class T>

@@ -4,9 +4,9 @@
 
 namespace saltus {
 
-/// Linear interpolation of an interleaved field from one lattice to another, and its exact transpose. Points of `target`
-/// outside `source` take the border's value. One axis after the other, the last first, in planes across that axis, each
-/// of which stays in the caches: a whole target is only made where the caller wants one.
+/// Linear interpolation of an interleaved field from one lattice to another, and its exact transpose. Points of
+/// `target` outside `source` take the border's value. One axis after the other, the last first, in planes across that
+/// axis, each of which stays in the caches: a whole target is only made where the caller wants one.
 template <int Dim, class T>
 class LatticeInterpolation {
  public:

@@ -57,7 +57,9 @@ template <int Dim, class T>
 class PlaneAtHand {
  public:
   PlaneAtHand(const Displacement<Dim, T>& displacement, std::size_t scalars)
-      : displacement_(displacement), scalars_(scalars), own_(displacement.to_sites || !displacement.field ? scalars : 0) {}
+      : displacement_(displacement),
+        scalars_(scalars),
+        own_(displacement.to_sites || !displacement.field ? scalars : 0) {}
 
   /// Stands until the next one is taken.
   const T* take(int plane) {
@@ -147,10 +149,10 @@ void warp_adjoint(const std::vector<WarpedDual<Dim, T>>& warped, const Lattice<D
   if (to_sites) to_sites->finish_transpose(displacement_dual);
 }
 
-#define SALTUS_WARP(DIM, TYPE)                                                                                       \
-  template void warp<DIM, TYPE>(const FramedImage<DIM, TYPE>&, const Lattice<DIM>&, const Displacement<DIM, TYPE>&,   \
-                                TYPE*);                                                                              \
-  template void warp_adjoint<DIM, TYPE>(const std::vector<WarpedDual<DIM, TYPE>>&, const Lattice<DIM>&,              \
+#define SALTUS_WARP(DIM, TYPE)                                                                                      \
+  template void warp<DIM, TYPE>(const FramedImage<DIM, TYPE>&, const Lattice<DIM>&, const Displacement<DIM, TYPE>&, \
+                                TYPE*);                                                                             \
+  template void warp_adjoint<DIM, TYPE>(const std::vector<WarpedDual<DIM, TYPE>>&, const Lattice<DIM>&,             \
                                         const Displacement<DIM, TYPE>&, TYPE*);
 SALTUS_WARP(2, float)
 SALTUS_WARP(3, float)

@@ -369,8 +369,7 @@ MinimiseSummary minimise(Objective<T>& objective, const MinimiseOptions& options
       before = std::move(now);
     }
     if (has_forgotten) state.pairs.clear();
-    const double curvature = dot(pair.s, pair.y),
-                 size = preconditioner.dot(pair.y, pair.y, pair.y_preconditioned);
+    const double curvature = dot(pair.s, pair.y), size = preconditioner.dot(pair.y, pair.y, pair.y_preconditioned);
     if (curvature > 1e-8 * std::abs(size) && size > 0) {
       pair.rho = 1 / curvature;
       state.pairs.push_back(std::move(pair));

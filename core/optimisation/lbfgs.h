@@ -53,8 +53,8 @@ struct CurvaturePair {
 };
 
 /// Where a minimisation stands after an accepted step, or, with x alone, before it begins: all that it needs to go on
-/// as if it had never been interrupted, bit by bit. Memory: 2 + 2 * history vectors of the size of x, 1 + history of what
-/// lies outside the sparsity ranges; while it minimises, 4 more of the first and one of the second.
+/// as if it had never been interrupted, bit by bit. Memory: 2 + 2 * history vectors of the size of x, 1 + history of
+/// what lies outside the sparsity ranges; while it minimises, 4 more of the first and one of the second.
 template <class T>
 struct MinimiserState {
   MinimiserState() = default;

@@ -33,8 +33,8 @@ class Objective {
   virtual std::size_t size() const = 0;
 
   /// Value, gradient, and the gradient times a fixed positive definite approximation P of the inverse Hessian: of the
-  /// unknowns outside the ranges of sparsity() alone, in their order. On a range P is its inverse stiffness. All vectors
-  /// come in the right size.
+  /// unknowns outside the ranges of sparsity() alone, in their order. On a range P is its inverse stiffness. All
+  /// vectors come in the right size.
   virtual Evaluation evaluate(const std::vector<T>& x, std::vector<T>& gradient, std::vector<T>& preconditioned) = 0;
 
   /// Length of a sensible first step along `direction`.

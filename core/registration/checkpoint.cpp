@@ -275,8 +275,7 @@ Checkpoint decode(std::istream& in, std::uint64_t job) {
   Checkpoint checkpoint;
   Reader reader(in, size);
   transfer(reader, checkpoint);
-  if (!reader.is_at_end())
-    damaged("it holds more than it should");
+  if (!reader.is_at_end()) damaged("it holds more than it should");
   return checkpoint;
 }
 

@@ -140,8 +140,7 @@ MatchingLevel<Dim, float> ImagePyramid<Dim>::make_level(int level, double smooth
   MatchingLevel<Dim, float> made;
   made.lattice = level_lattice(fixed_lattice_, level);
   const std::vector<float> fixed_weights = binary(input_.fixed_mask), moving_weights = binary(input_.moving_mask);
-  made.fixed =
-      reduced(fixed_lattice_, scaled(input_.fixed, fixed_weights), fixed_weights, made.lattice, smoothing);
+  made.fixed = reduced(fixed_lattice_, scaled(input_.fixed, fixed_weights), fixed_weights, made.lattice, smoothing);
   const double reference = *std::min_element(fixed_lattice_.spacing.begin(), fixed_lattice_.spacing.end());
   const Lattice<Dim> moving = level == 0 ? moving_lattice_ : coarsened(moving_lattice_, std::ldexp(reference, level));
   made.moving = framed(scaled(input_.moving, moving_weights), moving_weights, smoothing, moving);

@@ -10,8 +10,8 @@ namespace saltus {
 
 /// The images of a registration with their masks, and the levels of the pyramid made from them. Intensities are scaled
 /// so that the fixed image's 1st to 99th percentile (of what its mask shows) is [0,1], both images alike: weights then
-/// mean the same for every scanner. Nothing is clipped. Levels are made from the input each time; no copy of the images is
-/// kept.
+/// mean the same for every scanner. Nothing is clipped. Levels are made from the input each time; no copy of the images
+/// is kept.
 template <int Dim>
 class ImagePyramid {
  public:

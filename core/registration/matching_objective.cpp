@@ -70,8 +70,7 @@ Evaluation MatchingObjective<Dim, T>::evaluate(const std::vector<T>& x, std::vec
   const std::vector<MomentumPointers<T>> momenta = set_.evaluated(x);
   std::fill(gradient.begin(), gradient.end(), T(0));
   std::fill(preconditioned.begin(), preconditioned.end(), T(0));
-  const std::vector<MomentumTargets<T>> gradients = set_.targets(gradient),
-                                        scaled = set_.dense_targets(preconditioned);
+  const std::vector<MomentumTargets<T>> gradients = set_.targets(gradient), scaled = set_.dense_targets(preconditioned);
 
   // The penalty's gradient is a V K m, so its preconditioned form is m itself.
   parts_ = {};

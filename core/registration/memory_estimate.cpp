@@ -32,9 +32,9 @@ std::size_t memory_estimate(const ImageGrid<Dim>& fixed, const ImageGrid<Dim>& m
                             : static_cast<double>(coarse.sites()) / coarse.size[Dim - 1] * fine.size[Dim - 1] * vector;
     };
     bytes += planes_between(flow_lattice, level_lattice(image, finest));
-    bytes += flow * (2 * nodes * vector       // velocities and their duals
+    bytes += flow * (2 * nodes * vector        // velocities and their duals
                      + (nodes + 2) * vector);  // map and its adjoint's work
-    double unknowns = 0, dense = 0;  // momenta, and those of order 0
+    double unknowns = 0, dense = 0;            // momenta, and those of order 0
     // Once for each lattice: where its sites are, with their duals. Then for each scale its momenta.
     const auto add_lattice = [&](int q) {
       const Lattice<Dim> lattice = level_lattice(image, q);

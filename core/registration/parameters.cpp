@@ -243,7 +243,8 @@ const std::vector<Parameter>& parameters() {
       integer(
           "finest_scale", "", -2, 7,
           "voxel of the finest order-0 scale is 2^this reference voxels; -1: the finest level's, but where order 0 is "
-          "Gaussian and the similarity not ssd at least 1 in 2-D, and in 3-D where accurate takes voxels of up to 1.5 mm; -2: "
+          "Gaussian and the similarity not ssd at least 1 in 2-D, and in 3-D where accurate takes voxels of up to 1.5 "
+          "mm; -2: "
           "the next coarser",
           [](O & o) -> auto& { return o.momenta.finest_scale; }),
       real(
@@ -285,12 +286,14 @@ const std::vector<Parameter>& parameters() {
           [](O & o) -> auto& { return o.momenta.direction; }),
       real(
           "first_order_gain", "similarity left", -1, Lower::Inclusive, inf,
-          "order 1 takes part only if it promises to gain so much when order 0 has settled; 0: always, -1: by similarity "
+          "order 1 takes part only if it promises to gain so much when order 0 has settled; 0: always, -1: by "
+          "similarity "
           "and dimension",
           [](O & o) -> auto& { return o.momenta.first_order_gain; }),
       real(
           "first_order_shear", "", -1, Lower::Inclusive, inf,
-          "and only if it is pulled so much more along interfaces than across them (1: by noise); -1: by similarity and "
+          "and only if it is pulled so much more along interfaces than across them (1: by noise); -1: by similarity "
+          "and "
           "dimension",
           [](O & o) -> auto& { return o.momenta.first_order_shear; }),
       integer(

@@ -73,10 +73,9 @@ RegistrationOptions resolved(const RegistrationOptions& options, const Lattice<D
   const double finest_noise = noise_of_level(noise, image, level_lattice(image, finest));
   if (o.momenta.finest_scale < 0) {
     int scale = finest - 1 - o.momenta.finest_scale;
-    // Images that accurate takes finer than balanced are for seeing more, not for narrower kernels. And a Gaussian of so
-    // many pixels holds far fewer samples than one of as many voxels, and follows their noise.
-    const bool sees_finer =
-        o.preset == Preset::Accurate && options.pyramid.finest_level < 0 && is_fine(reference_mm);
+    // Images that accurate takes finer than balanced are for seeing more, not for narrower kernels. And a Gaussian of
+    // so many pixels holds far fewer samples than one of as many voxels, and follows their noise.
+    const bool sees_finer = o.preset == Preset::Accurate && options.pyramid.finest_level < 0 && is_fine(reference_mm);
     if ((Dim == 2 || sees_finer) && is_zeroth_gaussian(o.model) && o.similarity != SimilarityType::Ssd)
       scale = std::max(scale, 1);
     o.momenta.finest_scale = std::min(scale, o.pyramid.levels - 1);

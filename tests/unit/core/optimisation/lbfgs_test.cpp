@@ -24,7 +24,8 @@ class Function final : public Objective<T> {
     const double value = evaluate_(x, gradient);
     std::size_t dense = 0;  // outside the groups
     for (std::size_t i = 0; i < x.size(); ++i)
-      if (std::none_of(groups.begin(), groups.end(), [i](const auto& range) { return i >= range.begin && i < range.end; }))
+      if (std::none_of(groups.begin(), groups.end(),
+                       [i](const auto& range) { return i >= range.begin && i < range.end; }))
         preconditioned[dense++] = preconditioner[i] * gradient[i];
     EXPECT_EQ(dense, preconditioned.size());
     return {value, std::isfinite(value)};

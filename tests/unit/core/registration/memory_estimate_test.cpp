@@ -106,8 +106,8 @@ TEST(MemoryEstimate, IsABoundForEachPreset) {
   }
 }
 
-// Oriented momenta at a fifth of the sites and more, beside all blocks: so little sparsity lets them join wherever there
-// is a ridge of shear. L-BFGS has all its pairs.
+// Oriented momenta at a fifth of the sites and more, beside all blocks: so little sparsity lets them join wherever
+// there is a ridge of shear. L-BFGS has all its pairs.
 TEST(MemoryEstimate, IsABoundWithManyOrientedMomenta) {
   Case one(Model::Auto, SimilarityType::Lncc);
   one.options.momenta.first_order_gain = 1e-9;

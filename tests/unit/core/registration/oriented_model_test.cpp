@@ -272,7 +272,8 @@ TEST(OrientedModel, ResumesWithTheSameEnd) {
                           if (++taken == stop) blob = bytes_of(make);
                         }});
     ASSERT_FALSE(blob.empty());
-    const RegistrationResult<2> resumed = register_images<2>(slip.input, options, {}, {.resume = from(blob), .offer = {}});
+    const RegistrationResult<2> resumed =
+        register_images<2>(slip.input, options, {}, {.resume = from(blob), .offer = {}});
     EXPECT_EQ(resumed.displacement.samples, whole.displacement.samples) << stop;
   }
 }
