@@ -148,12 +148,11 @@ void LatticeInterpolation<Dim, T>::finish_transpose(T* source) const {
 }
 
 template <int Dim, class T>
-template <bool is_added>
-void LatticeInterpolation<Dim, T>::resize(const T* source, T* target) const {
+void LatticeInterpolation<Dim, T>::add_to(const T* source, T* target) const {
   if (identity_) {
     const std::size_t count = static_cast<std::size_t>(channels_) * target_.sites();
 #pragma omp parallel for simd schedule(static)
-    for (std::size_t i = 0; i < count; ++i) target[i] = (is_added ? target[i] : T(0)) + source[i];
+    for (std::size_t i = 0; i < count; ++i) target[i] += source[i];
     return;
   }
 #pragma omp parallel if (is_worth_threads(target_.sites()))
@@ -163,21 +162,11 @@ void LatticeInterpolation<Dim, T>::resize(const T* source, T* target) const {
     for (int plane = 0; plane < target_.size[Dim - 1]; ++plane) {
       T* out = target + static_cast<std::size_t>(plane) * target_plane_;
       if (channels_ == Dim)
-        resize_plane<is_added>(source, plane, scratch, out, std::integral_constant<std::size_t, Dim>());
+        resize_plane<true>(source, plane, scratch, out, std::integral_constant<std::size_t, Dim>());
       else
-        resize_plane<is_added>(source, plane, scratch, out, static_cast<std::size_t>(channels_));
+        resize_plane<true>(source, plane, scratch, out, static_cast<std::size_t>(channels_));
     }
   }
-}
-
-template <int Dim, class T>
-void LatticeInterpolation<Dim, T>::add_to(const T* source, T* target) const {
-  resize<true>(source, target);
-}
-
-template <int Dim, class T>
-void LatticeInterpolation<Dim, T>::take(const T* source, T* target) const {
-  resize<false>(source, target);
 }
 
 template <int Dim, class T>

@@ -14,8 +14,6 @@ class LatticeInterpolation {
 
   /// target += P source.
   void add_to(const T* source, T* target) const;
-  /// target = P source.
-  void take(const T* source, T* target) const;
   /// source = P^T target.
   void transpose(const T* target, T* source);
 
@@ -37,8 +35,6 @@ class LatticeInterpolation {
     int low;     ///< source index
     T fraction;  ///< weight of low + 1
   };
-  template <bool is_added>
-  void resize(const T* source, T* target) const;
   template <bool is_added, class Channels>
   void resize_plane(const T* source, int plane, Scratch& scratch, T* out, Channels channels) const;
   template <bool is_added, class Inner>

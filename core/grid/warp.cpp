@@ -47,11 +47,6 @@ struct PointMap {
   }
 };
 
-template <int Dim>
-std::size_t plane_sites(const Lattice<Dim>& points) {
-  return points.sites() / static_cast<std::size_t>(points.size[Dim - 1]);
-}
-
 /// A thread's planes of a displacement, one after the other.
 template <int Dim, class T>
 class PlaneAtHand {
@@ -79,6 +74,19 @@ class PlaneAtHand {
   typename LatticeInterpolation<Dim, T>::Scratch scratch_;
 };
 
+/// visit(plane, its first site, the thread's planes), planes in parallel.
+template <int Dim, class T, class Visit>
+void for_planes(const Lattice<Dim>& points, const Displacement<Dim, T>& displacement, Visit&& visit) {
+  const std::size_t sites = points.sites() / static_cast<std::size_t>(points.size[Dim - 1]);
+#pragma omp parallel
+  {
+    PlaneAtHand<Dim, T> at_hand(displacement, Dim * sites);
+#pragma omp for schedule(static)
+    for (int plane = 0; plane < points.size[Dim - 1]; ++plane)
+      visit(plane, static_cast<std::size_t>(plane) * sites, at_hand);
+  }
+}
+
 }  // namespace
 
 template <int Dim, class T>
@@ -86,22 +94,16 @@ void warp(const FramedImage<Dim, T>& image, const Lattice<Dim>& points, const Di
           T* out) {
   const PointMap<Dim, T> map(image, points);
   const auto all = BlockMask<Dim>::all(points);
-#pragma omp parallel
-  {
-    PlaneAtHand<Dim, T> at_hand(displacement, Dim * plane_sites(points));
-#pragma omp for schedule(static)
-    for (int slab = 0; slab < points.size[Dim - 1]; ++slab) {
-      const T* plane = at_hand.take(slab);
-      const std::size_t first = static_cast<std::size_t>(slab) * plane_sites(points);
-      CellLanes<Dim, T> cells(image.lattice);
-      all.visit_pieces(points, slab, kLanes<Dim, T>, [&](const Index<Dim>& index, std::size_t site, int count) {
-        const LanePoints<Dim, T> mm = lanes_of<Dim, T>(plane + Dim * (site - first), count);
-        cells.find(map(index, mm));
-        const Lanes<Dim, T> values = cells.value(image.samples.data());
-        std::copy_n(values.begin(), count, out + site);
-      });
-    }
-  }
+  for_planes(points, displacement, [&](int plane, std::size_t first, PlaneAtHand<Dim, T>& at_hand) {
+    const T* mm_of_plane = at_hand.take(plane);
+    CellLanes<Dim, T> cells(image.lattice);
+    all.visit_pieces(points, plane, kLanes<Dim, T>, [&](const Index<Dim>& index, std::size_t site, int count) {
+      const LanePoints<Dim, T> mm = lanes_of<Dim, T>(mm_of_plane + Dim * (site - first), count);
+      cells.find(map(index, mm));
+      const Lanes<Dim, T> values = cells.value(image.samples.data());
+      std::copy_n(values.begin(), count, out + site);
+    });
+  });
 }
 
 template <int Dim, class T>
@@ -112,40 +114,34 @@ void warp_adjoint(const std::vector<WarpedDual<Dim, T>>& warped, const Lattice<D
   const auto all = BlockMask<Dim>::all(points);
   LatticeInterpolation<Dim, T>* to_sites = displacement.to_sites;
   if (to_sites) to_sites->begin_transpose();
-#pragma omp parallel
-  {
-    PlaneAtHand<Dim, T> at_hand(displacement, Dim * plane_sites(points));
-#pragma omp for schedule(static)
-    for (int slab = 0; slab < points.size[Dim - 1]; ++slab) {
-      const T* plane = at_hand.take(slab);
-      const std::size_t first = static_cast<std::size_t>(slab) * plane_sites(points);
-      T* plane_dual = to_sites ? at_hand.own() : displacement_dual + Dim * first;
-      all.visit_pieces(points, slab, kLanes<Dim, T>, [&](const Index<Dim>& index, std::size_t site, int count) {
-        const LanePoints<Dim, T> mm = lanes_of<Dim, T>(plane + Dim * (site - first), count);
-        LanePoints<Dim, T> sum{}, gradient;
-        for (std::size_t i = 0; i < maps.size(); ++i) {
-          Lanes<Dim, T> dual{};
-          std::copy_n(warped[i].dual + site, count, dual.begin());
-          if (std::all_of(dual.begin(), dual.end(), [](T value) { return value == T(0); })) continue;
-          CellLanes<Dim, T> cells(warped[i].image->lattice);
-          cells.find(maps[i](index, mm));
-          cells.value(warped[i].image->samples.data(), &gradient);
+  for_planes(points, displacement, [&](int plane, std::size_t first, PlaneAtHand<Dim, T>& at_hand) {
+    const T* mm_of_plane = at_hand.take(plane);
+    T* plane_dual = to_sites ? at_hand.own() : displacement_dual + Dim * first;
+    all.visit_pieces(points, plane, kLanes<Dim, T>, [&](const Index<Dim>& index, std::size_t site, int count) {
+      const LanePoints<Dim, T> mm = lanes_of<Dim, T>(mm_of_plane + Dim * (site - first), count);
+      LanePoints<Dim, T> sum{}, gradient;
+      for (std::size_t i = 0; i < maps.size(); ++i) {
+        Lanes<Dim, T> dual{};
+        std::copy_n(warped[i].dual + site, count, dual.begin());
+        if (std::all_of(dual.begin(), dual.end(), [](T value) { return value == T(0); })) continue;
+        CellLanes<Dim, T> cells(warped[i].image->lattice);
+        cells.find(maps[i](index, mm));
+        cells.value(warped[i].image->samples.data(), &gradient);
 #pragma omp simd
-          for (int lane = 0; lane < kLanes<Dim, T>; ++lane)
-            for (int col = 0; col < Dim; ++col) {
-              T along = 0;
-              for (int row = 0; row < Dim; ++row) along += maps[i].turn[row][col] * gradient[row][lane];
-              // Not a product with 0: what counts for nothing need not be a number.
-              sum[col][lane] += dual[lane] == T(0) ? T(0) : dual[lane] * along;
-            }
-        }
-        T* out = plane_dual + Dim * (site - first);
-        for (int lane = 0; lane < count; ++lane)
-          for (int col = 0; col < Dim; ++col) out[Dim * lane + col] = sum[col][lane];
-      });
-      if (to_sites) to_sites->transpose_plane(plane_dual, slab, at_hand.scratch());
-    }
-  }
+        for (int lane = 0; lane < kLanes<Dim, T>; ++lane)
+          for (int col = 0; col < Dim; ++col) {
+            T along = 0;
+            for (int row = 0; row < Dim; ++row) along += maps[i].turn[row][col] * gradient[row][lane];
+            // Not a product with 0: what counts for nothing need not be a number.
+            sum[col][lane] += dual[lane] == T(0) ? T(0) : dual[lane] * along;
+          }
+      }
+      T* out = plane_dual + Dim * (site - first);
+      for (int lane = 0; lane < count; ++lane)
+        for (int col = 0; col < Dim; ++col) out[Dim * lane + col] = sum[col][lane];
+    });
+    if (to_sites) to_sites->transpose_plane(plane_dual, plane, at_hand.scratch());
+  });
   if (to_sites) to_sites->finish_transpose(displacement_dual);
 }
 

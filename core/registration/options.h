@@ -59,6 +59,8 @@ struct RegistrationOptions {
     /// Order 1 takes part only if it promises so much when order 0 has settled, see FirstOrderPromise. Gain 0: always;
     /// -1, either: what was measured for the similarity and the dimension (core/README.md, "Only where it slides").
     double first_order_gain = 0, first_order_shear = -1;
+    /// The same on the finest level; -1: as given for all levels, or what was measured where that is -1, too.
+    double first_order_finest_gain = -1, first_order_finest_shear = -1;
     int orientations = 0;            ///< normals that oriented momenta are turned from; 0: there are none of these; -1:
                                      ///< 8 in 2-D and 9 in 3-D, none where there can be none
     double oblique_share = 0;        ///< of an interface must be oblique for oriented momenta to begin

@@ -287,15 +287,21 @@ const std::vector<Parameter>& parameters() {
       real(
           "first_order_gain", "similarity left", -1, Lower::Inclusive, inf,
           "order 1 takes part only if it promises to gain so much when order 0 has settled; 0: always, -1: by "
-          "similarity "
-          "and dimension",
+          "similarity and dimension",
           [](O & o) -> auto& { return o.momenta.first_order_gain; }),
       real(
           "first_order_shear", "", -1, Lower::Inclusive, inf,
           "and only if it is pulled so much more along interfaces than across them (1: by noise); -1: by similarity "
-          "and "
-          "dimension",
+          "and dimension",
           [](O & o) -> auto& { return o.momenta.first_order_shear; }),
+      real(
+          "first_order_finest_gain", "similarity left", -1, Lower::Inclusive, inf,
+          "first_order_gain on the finest level; -1: the same, and where that is -1 by similarity",
+          [](O & o) -> auto& { return o.momenta.first_order_finest_gain; }),
+      real(
+          "first_order_finest_shear", "", -1, Lower::Inclusive, inf,
+          "first_order_shear on the finest level; -1: the same, and where that is -1 by similarity",
+          [](O & o) -> auto& { return o.momenta.first_order_finest_shear; }),
       integer(
           "orientations", "", -1, 13,
           "normals that oriented momenta are turned from, so that interfaces that are not along an axis can slide: 4 "

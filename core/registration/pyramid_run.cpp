@@ -79,6 +79,15 @@ bool PyramidRun<Dim>::has_first_at(int level) const {
                      [&](const auto& placed) { return placed.level >= level && placed.scale->has_first_order(); });
 }
 
+/// Whether first orders promise there what is asked of them.
+template <int Dim>
+bool PyramidRun<Dim>::is_enough(const FirstOrderPromise& promise, int level) const {
+  const RegistrationOptions::Momenta& asked = options_.momenta;
+  return level == options_.pyramid.finest_level
+             ? promise.gain >= asked.first_order_finest_gain && promise.shear >= asked.first_order_finest_shear
+             : promise.gain >= asked.first_order_gain && promise.shear >= asked.first_order_shear;
+}
+
 /// Of a level that has not begun, in sites evaluated.
 template <int Dim>
 double PyramidRun<Dim>::planned_work(int level, bool lets_in) const {
@@ -262,8 +271,7 @@ bool PyramidRun<Dim>::first_orders_are_worth_it() {
   make_objective(rounds_[1]);
   objective_->working_set().weigh(rounds_[1], momenta);  // oriented momenta are not asked: no need to turn them yet
   const FirstOrderPromise promise = objective_->first_order_promise(momenta);
-  const bool is_worth_it =
-      promise.gain >= options_.momenta.first_order_gain && promise.shear >= options_.momenta.first_order_shear;
+  const bool is_worth_it = is_enough(promise, levels_[step_]);
   if (!is_worth_it)
     make_objective(rounds_[0]);
   else if (!options_.momenta.first_order_waits)

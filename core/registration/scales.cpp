@@ -16,21 +16,23 @@ constexpr double kNoiseOfFineWidth = 0.015;
 /// Voxels that 3-D images are taken at every second of.
 bool is_fine(double reference_mm) { return 2 * reference_mm <= 3; }
 
-/// What first orders have to promise, see FirstOrderPromise; measured, core/README.md, "Only where it slides".
+/// What first orders have to promise, see FirstOrderPromise, on the finest level and on those before it; measured,
+/// core/README.md, "Only where it slides".
 struct LeastPromise {
-  double gain, shear;
+  double gain, shear, finest_gain, finest_shear;
 };
 
 LeastPromise least_promise(SimilarityType similarity, int dimension) {
+  const auto everywhere = [](double gain, double shear) { return LeastPromise{gain, shear, gain, shear}; };
   switch (similarity) {
     case SimilarityType::Ssd:
-      return {2, 1.1};
+      return {2, 1.8, 0.1, 1.4};
     case SimilarityType::Lncc:
-      return dimension == 2 ? LeastPromise{3.7, 0.6} : LeastPromise{1, 1.45};
+      return dimension == 2 ? everywhere(3.7, 0.6) : everywhere(1, 1.45);
     case SimilarityType::Ncc:
-      return {1, dimension == 2 ? 1.15 : 1.45};
+      return everywhere(1, dimension == 2 ? 1.15 : 1.45);
     default:
-      return {2.6, 1.1};
+      return everywhere(2.6, 1.1);
   }
 }
 
@@ -82,8 +84,12 @@ RegistrationOptions resolved(const RegistrationOptions& options, const Lattice<D
   }
   if (o.momenta.first_order_finest_scale < 0) o.momenta.first_order_finest_scale = finest;
   const LeastPromise least = least_promise(o.similarity, Dim);
-  if (o.momenta.first_order_gain < 0) o.momenta.first_order_gain = least.gain;
-  if (o.momenta.first_order_shear < 0) o.momenta.first_order_shear = least.shear;
+  const auto settle = [](double& all, double& on_finest, double least_of_all, double least_on_finest) {
+    if (on_finest < 0) on_finest = all < 0 ? least_on_finest : all;
+    if (all < 0) all = least_of_all;
+  };
+  settle(o.momenta.first_order_gain, o.momenta.first_order_finest_gain, least.gain, least.finest_gain);
+  settle(o.momenta.first_order_shear, o.momenta.first_order_finest_shear, least.shear, least.finest_shear);
   if (o.momenta.orientations < 0) {
     const bool can = o.momenta.first_order_scales > 0 && o.model != Model::Directional && o.momenta.sparsity > 0 &&
                      o.flow.evolution == Evolution::Carried;

@@ -31,10 +31,13 @@ class ThreadCount {
   [[maybe_unused]] int before_ = 1;
 };
 
+/// Sites that are worth a thread. Tests whose lattices are smaller ask for less (tests/support/many_threads.h); nobody
+/// else writes to it.
+inline std::size_t sites_a_thread = 32768;
+
 /// As many threads as loops over so many sites are worth, of those that there are: a loop over few sites is over before
 /// a thread that sleeps is awake. Two threads took 10 times as long as one on 128x128 sites.
 inline int threads_worth(std::size_t sites) {
-  constexpr std::size_t sites_a_thread = 32768;
 #ifdef _OPENMP
   return std::clamp(static_cast<int>(sites / sites_a_thread), 1, omp_get_max_threads());
 #else

@@ -10,6 +10,7 @@
 #include "core/registration/options.h"
 #include "core/similarity/similarity.h"
 #include "tests/support/finite_differences.h"
+#include "tests/support/many_threads.h"
 #include "tests/support/random_fields.h"
 
 namespace saltus {
@@ -327,7 +328,7 @@ TEST_P(SimilaritySuite, DoesNotDependOnTheNumberOfThreads) {
     std::vector<float> gradient, weight_gradient;
     bool operator==(const Outcome&) const = default;
   };
-  const int before = omp_get_max_threads();
+  const testing::ManyThreads many;
   const auto run = [&](int threads) {
     omp_set_num_threads(threads);
     Outcome outcome{0, std::vector<float>(f.size()), std::vector<float>(f.size())};
@@ -335,7 +336,6 @@ TEST_P(SimilaritySuite, DoesNotDependOnTheNumberOfThreads) {
     similarity->prepare(f.data(), w.data(), mask.data());
     outcome.energy =
         similarity->evaluate(f.data(), w.data(), mask.data(), outcome.gradient.data(), outcome.weight_gradient.data());
-    omp_set_num_threads(before);
     return outcome;
   };
   const Outcome alone = run(1);

@@ -8,6 +8,7 @@
 #include <ostream>
 
 #include "tests/support/finite_differences.h"
+#include "tests/support/many_threads.h"
 #include "tests/support/random_fields.h"
 
 namespace saltus {
@@ -269,7 +270,7 @@ TEST(CoadjointTransport, GivesTheSameBitsForAnyNumberOfThreads) {
   const std::vector<double> d = random_values(field, 1, 0.3), m0 = random_values(field, 2),
                             m1 = random_values(3 * field, 3), w0 = random_values(field, 4),
                             w1 = random_values(3 * field, 5), start = random_values(9 * field, 6);
-  const int before = omp_get_max_threads();
+  const testing::ManyThreads many;
   for (Evolution evolution : {Evolution::Exact, Evolution::PerOrder, Evolution::Carried}) {
     SCOPED_TRACE(name_of({evolution, true, true}));
     std::vector<std::vector<double>> results;
@@ -287,7 +288,6 @@ TEST(CoadjointTransport, GivesTheSameBitsForAnyNumberOfThreads) {
       sites.end_adjoint(BlockMask<3>::all(where), duals);
       results.push_back(std::move(all));
     }
-    omp_set_num_threads(before);
     for (std::size_t k = 1; k < results.size(); ++k) EXPECT_TRUE(results[k] == results[0]) << k;
   }
 }

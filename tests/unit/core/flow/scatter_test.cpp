@@ -4,8 +4,11 @@
 #include <omp.h>
 
 #include <cmath>
+#include <cstring>
+#include <limits>
 
 #include "tests/support/finite_differences.h"
+#include "tests/support/many_threads.h"
 #include "tests/support/random_fields.h"
 
 namespace saltus {
@@ -82,18 +85,47 @@ std::vector<float> scattered_with(int threads) {
 
 // Oracle: the same bits, whatever the number of threads (more of them than planes, too).
 TEST(Scatter, DoesNotDependOnTheNumberOfThreads) {
-  const int before = omp_get_max_threads();
+  const testing::ManyThreads many;
   const std::vector<float> flat = scattered_with<2>(1), deep = scattered_with<3>(1);
   for (int threads : {2, 3, 5, 16}) {
     EXPECT_EQ(scattered_with<2>(threads), flat) << threads;
     EXPECT_EQ(scattered_with<3>(threads), deep) << threads;
   }
-  omp_set_num_threads(before);
+}
+
+// What a slab reaches is told by its displacements along the last axis. Oracle: one thread, bit by bit (NaN as bytes).
+TEST(Scatter, ReachesTheSameWhateverADisplacementIs) {
+  Scene<3> s = scene<3>();
+  const std::vector<double> numbers = random_values(s.from.sites(), 4);
+  const auto all = BlockMask<3>::all(s.from);
+  const testing::ManyThreads many;
+  const auto sum_with = [&](int threads, const double* displacement) {
+    omp_set_num_threads(threads);
+    std::vector<double> sum(s.to.sites(), 0.5);
+    scatter<1, 3, double>(
+        MovedPoints<3, double>(s.from, all, displacement, s.to), s.to,
+        [&](std::size_t site, std::array<double, 1>& out) { return out[0] = numbers[site], true; }, sum.data());
+    return sum;
+  };
+  const auto expect_same = [&](const double* displacement) {
+    const std::vector<double> alone = sum_with(1, displacement);
+    for (int threads : {2, 3, 6}) {
+      const std::vector<double> together = sum_with(threads, displacement);
+      EXPECT_EQ(std::memcmp(together.data(), alone.data(), alone.size() * sizeof(double)), 0) << threads;
+    }
+  };
+  expect_same(nullptr);
+  const std::size_t plane = 3 * 7 * 6;  // scalars
+  for (const double odd : {std::nan(""), 1e300, -1e300, std::numeric_limits<double>::infinity()}) {
+    SCOPED_TRACE(odd);
+    s.displacement[4 * plane + 2] = odd;  // along the last axis, in the middle
+    expect_same(s.displacement.data());
+  }
 }
 
 // Oracle: each site once, with its cell and what it gave, however many threads there are.
 TEST(Scatter, VisitsEachPointOnce) {
-  const int before = omp_get_max_threads();
+  const testing::ManyThreads many;
   const Scene<3> s = scene<3>();
   const auto all = BlockMask<3>::all(s.from);
   const MovedPoints<3, double> points(s.from, all, s.displacement.data(), s.to);
@@ -123,12 +155,11 @@ TEST(Scatter, VisitsEachPointOnce) {
         EXPECT_EQ(given[site], site % 5 != 0 ? 1.0 + static_cast<double>(site) : 0.0);
       });
   }
-  omp_set_num_threads(before);
 }
 
 // Oracle: LinearCell, point by point; the same bits with any number of threads.
 TEST(Scatter, TakesAListOfManyPoints) {
-  const int before = omp_get_max_threads();
+  const testing::ManyThreads many;
   const Lattice<2> target{{7, 40}, {1, 1}, {}};
   const std::size_t count = 1300;
   const std::vector<double> at = random_values(2 * count, 5, 20), values = random_values(count, 6);
@@ -146,7 +177,6 @@ TEST(Scatter, TakesAListOfManyPoints) {
         [&](std::size_t i, std::array<double, 1>& out) { return out[0] = values[i], true; }, sum.data());
     EXPECT_EQ(sum, expected) << threads;
   }
-  omp_set_num_threads(before);
 }
 
 TEST(Scatter, LeavesOutWhatHasNothingToAddAndKeepsTheRest) {

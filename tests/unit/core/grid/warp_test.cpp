@@ -3,13 +3,14 @@
 #include "core/grid/interpolation.h"
 
 #include <gtest/gtest.h>
-
-#include <limits>
+#include <omp.h>
 
 #include <Eigen/Geometry>
 #include <cmath>
+#include <limits>
 
 #include "tests/support/finite_differences.h"
+#include "tests/support/many_threads.h"
 #include "tests/support/random_fields.h"
 
 namespace saltus {
@@ -105,6 +106,43 @@ void expect_adjoint() {
 TEST(Warp, HasAnAdjoint) {
   expect_adjoint<2>();
   expect_adjoint<3>();
+}
+
+// Oracle: the displacement interpolated to the sites as a whole, and the transpose of that.
+template <int Dim>
+void expect_interpolated_displacement() {
+  const FramedImage<Dim, double> image = oblique_image<Dim>();
+  const Lattice<Dim> where = points<Dim>();
+  Lattice<Dim> coarse = where;
+  for (int axis = 0; axis < Dim; ++axis) {
+    coarse.size[axis] = where.size[axis] / 2 + 1;
+    coarse.spacing[axis] = 1.9 * where.spacing[axis];
+    coarse.offset[axis] = where.offset[axis] - 0.3;
+  }
+  const std::vector<double> field = random_values(Dim * coarse.sites(), 2, 0.8), dual = random_values(where.sites(), 3);
+  LatticeInterpolation<Dim, double> to_sites(coarse, where, Dim);
+  ASSERT_FALSE(to_sites.is_identity());
+  std::vector<double> u(Dim * where.sites(), 0.0), out(where.sites()), expected(where.sites());
+  to_sites.add_to(field.data(), u.data());
+  warp<Dim, double>(image, where, u.data(), expected.data());
+  std::vector<double> u_dual(u.size()), field_dual(field.size(), 2.0), expected_dual(field.size());
+  warp_adjoint<Dim, double>({{&image, dual.data()}}, where, u.data(), u_dual.data());
+  to_sites.transpose(u_dual.data(), expected_dual.data());
+
+  const testing::ManyThreads many;
+  for (int threads : {1, 2, 5}) {
+    omp_set_num_threads(threads);
+    const Displacement<Dim, double> displacement{field.data(), &to_sites};
+    warp<Dim, double>(image, where, displacement, out.data());
+    warp_adjoint<Dim, double>({{&image, dual.data()}}, where, displacement, field_dual.data());
+    for (std::size_t i = 0; i < out.size(); ++i) ASSERT_NEAR(out[i], expected[i], 1e-13);
+    for (std::size_t i = 0; i < field.size(); ++i) ASSERT_NEAR(field_dual[i], expected_dual[i], 1e-12);
+  }
+}
+
+TEST(Warp, InterpolatesACoarseDisplacement) {
+  expect_interpolated_displacement<2>();
+  expect_interpolated_displacement<3>();
 }
 
 // Rows longer than what is taken at a time. Oracle: LinearCell, site by site.

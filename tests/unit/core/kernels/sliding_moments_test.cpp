@@ -7,6 +7,7 @@
 #include <cmath>
 #include <limits>
 
+#include "tests/support/many_threads.h"
 #include "tests/support/random_fields.h"
 
 namespace saltus {
@@ -134,7 +135,7 @@ TEST(SlidingMoments, AreTheSameBitByBitForAnyNumberOfThreads) {
   const Lattice<3> lattice{{37, 23, 19}, {1, 1, 1}, {}};
   const std::vector<double> values = testing::random_values(3 * lattice.sites(), 7);
   const std::vector<float> in(values.begin(), values.end());
-  const int before = omp_get_max_threads();
+  const testing::ManyThreads many;
   for (const Row& row : rows(8, 1.0))
     for (int axis = 0; axis < 3; ++axis) {
       std::vector<float> results[2];
@@ -147,7 +148,6 @@ TEST(SlidingMoments, AreTheSameBitByBitForAnyNumberOfThreads) {
       }
       EXPECT_EQ(results[0], results[1]) << row.name << " along " << axis;
     }
-  omp_set_num_threads(before);
 }
 
 }  // namespace

@@ -7,6 +7,7 @@
 #include "core/support/errors.h"
 #include "tests/support/finite_differences.h"
 #include "tests/support/lattices.h"
+#include "tests/support/many_threads.h"
 #include "tests/support/random_fields.h"
 
 #include <gtest/gtest.h>
@@ -223,6 +224,7 @@ TEST(OrientedMomenta, HaveTheExactAdjoint3d) { expect_the_exact_adjoint<3>(); }
 
 template <int Dim>
 void expect_threads_to_change_nothing() {
+  const testing::ManyThreads many;
   auto momenta = small_momenta<Dim>();
   const std::vector<std::uint32_t> elements = some_elements(momenta);
   const std::vector<double> values = testing::random_values((Dim - 1) * elements.size(), 8);
@@ -242,7 +244,6 @@ void expect_threads_to_change_nothing() {
     all.insert(all.end(), gradient.begin(), gradient.end());
     all.insert(all.end(), corners_dual.begin(), corners_dual.end());
   }
-  omp_set_num_threads(1);
   EXPECT_EQ(results[0], results[1]);
 }
 

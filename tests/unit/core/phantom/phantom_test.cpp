@@ -4,6 +4,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "tests/support/many_threads.h"
+
 #include "core/phantom/make_phantom.h"
 #include "core/phantom/scene.h"
 #include "core/support/errors.h"
@@ -129,14 +131,13 @@ TEST(Phantom, DependsOnTheSeedAndOnNothingElse) {
   PhantomOptions thorax = default_phantom_options(PhantomKind::Thorax);
   thorax.size = {48, 40, 40};
   thorax.spacing = {6, 6, 6};
-  const int threads = omp_get_max_threads();
+  const testing::ManyThreads many;
   omp_set_num_threads(1);
   const Phantom<2> slip_one = make_phantom<2>(slip);
   const Phantom<3> thorax_one = make_phantom<3>(thorax);
   omp_set_num_threads(4);
   expect_equal(slip_one, make_phantom<2>(slip));
   expect_equal(thorax_one, make_phantom<3>(thorax));
-  omp_set_num_threads(threads);
   slip.seed = thorax.seed = 2;
   EXPECT_NE(slip_one.fixed.samples, make_phantom<2>(slip).fixed.samples);
   EXPECT_NE(thorax_one.moving_points, make_phantom<3>(thorax).moving_points);

@@ -9,6 +9,7 @@
 #include "core/registration/matching_objective.h"
 #include "core/registration/scales.h"
 #include "core/support/errors.h"
+#include "tests/support/many_threads.h"
 #include "tests/support/random_fields.h"
 
 namespace saltus {
@@ -255,6 +256,7 @@ TEST(ActiveBlockLists, AreRefusedWhereTheyDoNotFit) {
 }
 
 TEST(ActiveBlockLists, DoNotDependOnTheNumberOfThreads) {
+  const testing::ManyThreads many;
   std::vector<std::vector<float>> ends;
   std::vector<std::vector<std::vector<std::uint32_t>>> lists;
   for (int threads : {1, 2}) {
@@ -266,7 +268,6 @@ TEST(ActiveBlockLists, DoNotDependOnTheNumberOfThreads) {
     minimise<float>(objective, iterations(12), ends.back(), go_on);
     lists.push_back(objective.working_set().active_blocks());
   }
-  omp_set_num_threads(1);
   EXPECT_EQ(ends[0], ends[1]);
   EXPECT_EQ(lists[0], lists[1]);
 }

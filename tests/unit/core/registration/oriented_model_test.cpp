@@ -16,6 +16,7 @@
 #include "core/registration/scales.h"
 #include "core/support/errors.h"
 #include "tests/support/checkpoint_bytes.h"
+#include "tests/support/many_threads.h"
 #include "tests/support/random_fields.h"
 
 namespace saltus {
@@ -244,6 +245,7 @@ TEST(OrientedModel, TellsItsMomenta) {
 }
 
 TEST(OrientedModel, DoesNotDependOnTheNumberOfThreads) {
+  const testing::ManyThreads many;
   const Slip slip;
   RegistrationOptions options = oriented_options();
   options.optimisation.max_iterations = 12;

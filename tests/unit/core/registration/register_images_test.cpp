@@ -6,6 +6,7 @@
 #include <cmath>
 
 #include "tests/support/analytic_scene.h"
+#include "tests/support/many_threads.h"
 #include "tests/support/same_result.h"
 
 namespace saltus {
@@ -46,6 +47,7 @@ RegistrationOptions quick(Model model, SimilarityType similarity, int iterations
 
 // Oracle: the same bits, whatever the number of threads.
 TEST(RegisterImages, DoesNotDependOnTheNumberOfThreads) {
+  const testing::ManyThreads many;
   RegistrationInput<3> input = sliding_pair<3>(block(), 1.0);
   input.fixed_mask = Volume<3>(block(), 1.0f);
   for (std::size_t i = 0; i < 900; ++i) input.fixed_mask->samples[i] = 0;

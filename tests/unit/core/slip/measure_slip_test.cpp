@@ -9,6 +9,8 @@
 #include <cmath>
 #include <numbers>
 
+#include "tests/support/many_threads.h"
+
 #include "core/phantom/make_phantom.h"
 #include "core/phantom/scene.h"
 #include "core/registration/register_images.h"
@@ -247,13 +249,13 @@ TEST(MeasureSlip, GoesThroughDirectionsAndAffineStart) {
 }
 
 TEST(MeasureSlip, DoesNotDependOnTheNumberOfThreads) {
+  const testing::ManyThreads many;
   const MadeSheet<2> made = oblique_line(4, 0);
   std::vector<SlipSurface<2>> found;
   for (int threads : {1, 2}) {
     omp_set_num_threads(threads);
     found.push_back(made.surface());
   }
-  omp_set_num_threads(1);
   ASSERT_EQ(found[0].points.size(), found[1].points.size());
   for (std::size_t i = 0; i < found[0].points.size(); ++i) {
     EXPECT_EQ(found[0].points[i].position, found[1].points[i].position);

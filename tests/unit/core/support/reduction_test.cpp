@@ -5,6 +5,8 @@
 
 #include <cmath>
 
+#include "tests/support/many_threads.h"
+
 namespace saltus {
 namespace {
 
@@ -18,14 +20,13 @@ TEST(OrderedSum, TakesEachTermOnce) {
 
 // Oracle: the same bits.
 TEST(OrderedSum, DoesNotDependOnTheNumberOfThreads) {
-  const int before = omp_get_max_threads();
+  const testing::ManyThreads many;
   const auto sum = [](int threads) {
     omp_set_num_threads(threads);
     return ordered_sum(50001, [](std::size_t i) { return std::sin(static_cast<double>(i)) / 3; });
   };
   const double alone = sum(1);
   for (int threads : {2, 3, 8}) EXPECT_EQ(sum(threads), alone) << threads;
-  omp_set_num_threads(before);
 }
 
 }  // namespace

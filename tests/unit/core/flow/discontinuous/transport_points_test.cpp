@@ -10,6 +10,8 @@
 
 #ifdef _OPENMP
 #include <omp.h>
+
+#include "tests/support/many_threads.h"
 #endif
 
 namespace saltus {
@@ -95,12 +97,11 @@ TEST(TransportPoints, DoesNotDependOnTheNumberOfThreads) {
   const Scene scene(4, 1.3);
   std::vector<Vector<2>> points;
   for (int i = 0; i < 60; ++i) points.emplace_back(10 + 0.45 * i, 21 + 0.083 * i);
-  const int before = omp_get_max_threads();
+  const testing::ManyThreads many;
   omp_set_num_threads(1);
   const auto one = scene.move(points, TransportDirection::FixedToMoving);
   omp_set_num_threads(2);
   const auto two = scene.move(points, TransportDirection::FixedToMoving);
-  omp_set_num_threads(before);
   for (std::size_t i = 0; i < points.size(); ++i) {
     EXPECT_EQ(one[i].position, two[i].position);
     EXPECT_EQ(one[i].fundamental, two[i].fundamental);

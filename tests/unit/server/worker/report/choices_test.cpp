@@ -116,17 +116,26 @@ TEST(Choices, TellWhetherFirstOrderMomentaWereLetInAndWhy) {
   LevelSummary& level = scene.result.summary.levels[0];
   level.first_order_gain = 0.375;
   level.first_order_shear = 1.75;
-  scene.result.options.momenta.first_order_gain = 0.125;
-  scene.result.options.momenta.first_order_shear = 1.25;
-  const auto because = [](const char* end) {
-    return Field(&Choice::why,
-                 AllOf(HasSubstr("gain 0.375 times the similarity left (asked: 0.125)"),
-                       HasSubstr("1.75 times as much along interfaces as across them (asked: 1.25)"), HasSubstr(end)));
+  RegistrationOptions& asked = scene.result.options;
+  asked.momenta.first_order_gain = 0.125;
+  asked.momenta.first_order_shear = 1.25;
+  asked.momenta.first_order_finest_gain = 0.25;
+  asked.momenta.first_order_finest_shear = 1.5;
+  asked.pyramid = {.levels = 2, .finest_level = 0};
+  const auto because_of = [](const char* gain, const char* shear, const char* end) {
+    return Field(
+        &Choice::why,
+        AllOf(HasSubstr("gain 0.375 times the similarity left (asked: " + std::string(gain) + ")"),
+              HasSubstr("1.75 times as much along interfaces as across them (asked: " + std::string(shear) + ")"),
+              HasSubstr(end)));
   };
+  const auto because = [&](const char* end) { return because_of("0.125", "1.25", end); };
   level.decision = FirstOrderDecision::LetIn;
   EXPECT_THAT(line(), Contains(AllOf(named, Field(&Choice::value, "let in"), because("something slides"))));
   level.decision = FirstOrderDecision::LeftOut;
   EXPECT_THAT(line(), Contains(AllOf(named, Field(&Choice::value, "left out"), because("nothing slides"))));
+  asked.pyramid.levels = 1;  // this one is the finest
+  EXPECT_THAT(line(), Contains(AllOf(named, because_of("0.25", "1.5", "nothing slides"))));
 }
 
 TEST(Choices, TellWhetherMomentaWereOrientedAndWhy) {

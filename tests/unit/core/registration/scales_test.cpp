@@ -1,0 +1,95 @@
+#include "core/registration/scales.h"
+
+#include <gtest/gtest.h>
+
+#include "core/registration/options.h"
+
+namespace saltus {
+namespace {
+
+Lattice<2> plane(double mm) { return {{128, 128}, {mm, mm}, {}}; }
+Lattice<3> block(double mm) { return {{128, 128, 96}, {mm, mm, 2 * mm}, {}}; }
+
+RegistrationOptions automatic(SimilarityType similarity, Preset preset = Preset::Balanced) {
+  return default_options(Model::Auto, similarity, preset);
+}
+
+// core/README.md, "Widths": a Gaussian of six pixels holds far fewer samples than one of six voxels. Only `ssd`, which
+// has no window, gains by it.
+TEST(ResolvedOptions, BeginAGaussianAtTwoPixelsInPlanes) {
+  EXPECT_EQ(resolved(automatic(SimilarityType::Lncc), plane(1)).momenta.finest_scale, 1);
+  EXPECT_EQ(resolved(automatic(SimilarityType::Ncc), plane(1)).momenta.finest_scale, 1);
+  EXPECT_EQ(resolved(automatic(SimilarityType::Ssd), plane(1)).momenta.finest_scale, 0);
+  RegistrationOptions asked = automatic(SimilarityType::Lncc);
+  asked.momenta.finest_scale = 0;
+  EXPECT_EQ(resolved(asked, plane(1)).momenta.finest_scale, 0);
+  EXPECT_EQ(resolved(default_options(Model::Wendland1, SimilarityType::Lncc, Preset::Balanced), plane(1))
+                .momenta.finest_scale,
+            0);
+}
+
+TEST(ResolvedOptions, LetAccurateSeeFinerImagesWithTheSameKernels) {
+  for (const double mm : {1.0, 1.5, 1.6, 2.5}) {
+    SCOPED_TRACE(mm);
+    const RegistrationOptions balanced = resolved(automatic(SimilarityType::Lncc), block(mm)),
+                              accurate = resolved(automatic(SimilarityType::Lncc, Preset::Accurate), block(mm));
+    EXPECT_EQ(balanced.pyramid.finest_level, mm <= 1.5 ? 1 : 0);
+    EXPECT_EQ(balanced.momenta.finest_scale, balanced.pyramid.finest_level);
+    EXPECT_EQ(accurate.pyramid.finest_level, 0);
+    EXPECT_EQ(accurate.momenta.finest_scale, balanced.momenta.finest_scale);
+  }
+  RegistrationOptions asked = automatic(SimilarityType::Lncc, Preset::Accurate);
+  asked.pyramid.finest_level = 0;  // by the caller: kernels go along
+  EXPECT_EQ(resolved(asked, block(1)).momenta.finest_scale, 0);
+}
+
+// The numbers are measured; what is said here is where they differ, and that what is asked for stands.
+TEST(ResolvedOptions, AskOfFirstOrdersWhatWasMeasured) {
+  for (const SimilarityType similarity : {SimilarityType::Ssd, SimilarityType::Ncc, SimilarityType::Lncc,
+                                          SimilarityType::Mi, SimilarityType::Ngf, SimilarityType::Mind}) {
+    SCOPED_TRACE(to_string(similarity));
+    const RegistrationOptions::Momenta flat = resolved(automatic(similarity), plane(1)).momenta,
+                                       deep = resolved(automatic(similarity), block(2)).momenta;
+    for (const auto& momenta : {flat, deep}) {
+      EXPECT_GT(momenta.first_order_gain, 0);
+      EXPECT_GT(momenta.first_order_shear, 0);
+      if (similarity == SimilarityType::Ssd) {
+        EXPECT_LT(momenta.first_order_finest_gain, momenta.first_order_gain);
+        EXPECT_LT(momenta.first_order_finest_shear, momenta.first_order_shear);
+      } else {
+        EXPECT_EQ(momenta.first_order_finest_gain, momenta.first_order_gain);
+        EXPECT_EQ(momenta.first_order_finest_shear, momenta.first_order_shear);
+      }
+    }
+    if (similarity == SimilarityType::Lncc || similarity == SimilarityType::Ncc) {
+      EXPECT_GT(deep.first_order_shear, flat.first_order_shear);
+    }
+  }
+  RegistrationOptions asked = automatic(SimilarityType::Ssd);
+  asked.momenta.first_order_gain = 5;
+  asked.momenta.first_order_shear = 0.25;
+  RegistrationOptions::Momenta momenta = resolved(asked, plane(1)).momenta;
+  EXPECT_EQ(momenta.first_order_gain, 5);
+  EXPECT_EQ(momenta.first_order_finest_gain, 5);
+  EXPECT_EQ(momenta.first_order_shear, 0.25);
+  EXPECT_EQ(momenta.first_order_finest_shear, 0.25);
+  asked.momenta.first_order_finest_gain = 0.5;
+  asked.momenta.first_order_finest_shear = 0.75;
+  momenta = resolved(asked, plane(1)).momenta;
+  EXPECT_EQ(momenta.first_order_finest_gain, 0.5);
+  EXPECT_EQ(momenta.first_order_finest_shear, 0.75);
+}
+
+// Header: what is resolved stays as it is when resolved again, whatever the noise is said to be then.
+TEST(ResolvedOptions, StayWhenResolvedAgain) {
+  for (const Preset preset : {Preset::Fast, Preset::Balanced, Preset::Accurate})
+    for (const double mm : {1.0, 3.0}) {
+      const RegistrationOptions once = resolved(automatic(SimilarityType::Lncc, preset), block(mm), 0.02);
+      const auto first = list_parameters(once), second = list_parameters(resolved(once, block(mm), 0.05));
+      ASSERT_EQ(first.size(), second.size());
+      for (std::size_t i = 0; i < first.size(); ++i) EXPECT_EQ(first[i].value, second[i].value) << first[i].name;
+    }
+}
+
+}  // namespace
+}  // namespace saltus
