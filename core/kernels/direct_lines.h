@@ -2,6 +2,7 @@
 
 #include "core/grid/lattice.h"
 #include "core/kernels/separable_convolution.h"
+#include "core/support/registers.h"
 #include "core/support/thread_count.h"
 
 #include <algorithm>
@@ -10,36 +11,53 @@
 
 namespace saltus {
 
-/// out[v] (+)= sum over taps of tap * value, for `Vectors` registers of neighbouring values. The value of the first tap
-/// stands at `first`, that of each next one `step` scalars before. Sums are made in the order of the taps, all of them
-/// at once, so that none waits for another.
-template <int Vectors, class T>
+/// out row i (+)= sum over taps of tap * value, for `Rows` rows of `Registers` registers of neighbouring values. The
+/// value of the first tap of row 0 stands at `first`, that of each next tap one `step` before, that of each next row
+/// one `step` after: rows share what they read. Sums are made in the order of the taps, all of them at once, so that
+/// none waits for another.
+template <int Rows, int Registers, class T>
 [[gnu::always_inline]] inline void sum_taps(const std::vector<T>& taps, const T* first, std::size_t step, bool adds,
-                                            T* out) {
-  typedef T Vector __attribute__((vector_size(32)));
-  constexpr std::size_t width = sizeof(Vector) / sizeof(T);
-  Vector sum[Vectors] = {};
-  if (adds) std::memcpy(sum, out, sizeof sum);
-  for (const T tap : taps) {
+                                            T* out, std::size_t out_step) {
+  constexpr std::size_t lanes = kRegisterLanes<T>;
+  const int count = static_cast<int>(taps.size());
+  Register<T> sum[Rows][Registers] = {};
+  if (adds)
+    for (int row = 0; row < Rows; ++row)
+      for (int v = 0; v < Registers; ++v) sum[row][v] = load(out + row * out_step + v * lanes);
+  const T* values = first + (Rows - 1) * step;
+  // Row r takes tap k - (Rows - 1) + r of the values at hand; at both ends some rows have none.
+  const auto take = [&](int k, auto is_whole) {
+    Register<T> at_hand[Registers];
 #pragma GCC unroll 8
-    for (int v = 0; v < Vectors; ++v) {
-      Vector values;
-      std::memcpy(&values, first + v * width, sizeof values);
-      sum[v] += tap * values;
+    for (int v = 0; v < Registers; ++v) at_hand[v] = load(values + v * lanes);
+#pragma GCC unroll 4
+    for (int row = 0; row < Rows; ++row) {
+      const int tap = k - (Rows - 1) + row;
+      if (!is_whole && (tap < 0 || tap >= count)) continue;
+      const T factor = taps[static_cast<std::size_t>(tap)];
+#pragma GCC unroll 8
+      for (int v = 0; v < Registers; ++v) sum[row][v] += factor * at_hand[v];
     }
-    first -= step;
-  }
-  std::memcpy(out, sum, sizeof sum);
+    values -= step;
+  };
+  int k = 0;
+  for (; k < std::min(Rows - 1, count); ++k) take(k, std::false_type());
+  for (; k < count; ++k) take(k, std::true_type());
+  for (; k < count + Rows - 1; ++k) take(k, std::false_type());
+#pragma GCC unroll 4
+  for (int row = 0; row < Rows; ++row)
+#pragma GCC unroll 8
+    for (int v = 0; v < Registers; ++v) store(sum[row][v], out + row * out_step + v * lanes);
 }
 
-/// The same for `count` values.
+/// The same for a row of `count` values.
 template <class T>
 inline void sum_taps_of_run(const std::vector<T>& taps, const T* first, std::size_t step, bool adds, std::size_t count,
                             T* out) {
-  constexpr std::size_t width = 32 / sizeof(T);
+  constexpr std::size_t width = kRegisterLanes<T>;
   std::size_t i = 0;
-  for (; i + 8 * width <= count; i += 8 * width) sum_taps<8>(taps, first + i, step, adds, out + i);
-  for (; i + width <= count; i += width) sum_taps<1>(taps, first + i, step, adds, out + i);
+  for (; i + 8 * width <= count; i += 8 * width) sum_taps<1, 8>(taps, first + i, step, adds, out + i, 0);
+  for (; i + width <= count; i += width) sum_taps<1, 1>(taps, first + i, step, adds, out + i, 0);
   for (; i < count; ++i) {
     T sum = adds ? out[i] : T(0);
     const T* from = first + i;
@@ -63,6 +81,8 @@ template <int Dim, class T>
 void convolve_axis_directly(const Lattice<Dim>& lattice, int channels, int axis, const std::vector<T>& taps,
                             Combine combine, const T* in, T* out) {
   constexpr std::size_t lanes = 256 / sizeof(T);
+  // Eight sums at a time, in two rows where the registers suffice for the values as well.
+  constexpr int kRows = kRegisterBytes == 64 ? 2 : 1, kRegisters = 8 / kRows;
   const std::size_t radius = taps.size() / 2, count = static_cast<std::size_t>(lattice.size[axis]);
   std::size_t inner = static_cast<std::size_t>(channels), outer = 1;
   for (int a = 0; a < axis; ++a) inner *= static_cast<std::size_t>(lattice.size[a]);
@@ -74,7 +94,7 @@ void convolve_axis_directly(const Lattice<Dim>& lattice, int channels, int axis,
 #pragma omp parallel if (in_parallel)
     {
       const std::size_t margin = radius * inner;
-      std::vector<T> line(slab + 2 * margin, T(0));
+      LineVector<T> line(slab + 2 * margin, T(0));
 #pragma omp for schedule(static)
       for (std::size_t l = 0; l < outer; ++l) {
         if (is_all_zero(in + l * slab, slab)) {
@@ -90,7 +110,7 @@ void convolve_axis_directly(const Lattice<Dim>& lattice, int channels, int axis,
   const std::size_t strips_a_slab = (inner + lanes - 1) / lanes;
 #pragma omp parallel if (in_parallel)
   {
-    std::vector<T> strip((count + 2 * radius) * lanes, T(0));
+    LineVector<T> strip((count + 2 * radius) * lanes, T(0));
     T* rows = strip.data() + radius * lanes;
 #pragma omp for schedule(static)
     for (std::size_t s = 0; s < outer * strips_a_slab; ++s) {
@@ -107,11 +127,17 @@ void convolve_axis_directly(const Lattice<Dim>& lattice, int channels, int axis,
       while (last > first && is_all_zero(rows + (last - 1) * lanes, width)) --last;
       const std::size_t begin = first < last ? first - std::min(first, radius) : 0;
       const std::size_t end = first < last ? std::min(count, last + radius) : 0;
-      for (std::size_t row = begin; row < end; ++row)
+      std::size_t row = begin;
+      if (width == lanes)
+        for (; row + kRows <= end; row += kRows)
+          for (std::size_t i = 0; i < lanes; i += kRegisters * kRegisterLanes<T>)
+            sum_taps<kRows, kRegisters>(taps, rows + (row + radius) * lanes + i, lanes, adds,
+                                        out + at + row * inner + i, inner);
+      for (; row < end; ++row)
         sum_taps_of_run(taps, rows + (row + radius) * lanes, lanes, adds, width, out + at + row * inner);
       if (adds) continue;
-      for (std::size_t row = 0; row < count; ++row)
-        if (row < begin || row >= end) std::fill_n(out + at + row * inner, width, T(0));
+      for (std::size_t other = 0; other < count; ++other)
+        if (other < begin || other >= end) std::fill_n(out + at + other * inner, width, T(0));
     }
   }
 }

@@ -1,9 +1,11 @@
 #include "core/similarity/row_window.h"
 #include "core/similarity/similarity.h"
+#include "core/support/registers.h"
 
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <cstring>
 #include <tuple>
 #include <utility>
 #include <vector>
@@ -17,16 +19,19 @@ namespace {
 /// q = ((var_f + e)(var_w + e))^-1/2, c = cov q. The derivative at sample y collects the windows x that hold y:
 ///     dc(x)/dw(y) = weight(y) / S_w(x) * ( q (f(y) - mean f) - c / (var_w + e) (w(y) - mean w) ),
 /// whose sum over x is box sums of coefficients that depend on x alone.
-/// Nothing of this sees a constant that is taken off an image; both lose their mean first, because sums are stored in T
+/// Nothing of this sees a constant that is taken off an image; both lose their mean first, because sums are made in T
 /// and a variance small against the mean would be lost in them.
 ///
 /// One sweep along the last axis ("planes") does it all, so that memory sees both images and the gradient and nothing
-/// else. When plane p comes in, each row of it goes through the whole chain: products enter the sums along z of this
-/// row (those of plane p - 2 r - 1, made once more, leave them); these enter the sums along y, which are complete for
-/// the row r before; summed along x they give the coefficients of plane p - r. Those take the same way, along y, then
-/// z, then x, and end as the gradient of plane p - 2 r. Only sums along z and the coefficients of as many planes as a
-/// window is wide have to wait. The lattice is swept in tiles, bands of rows that are as high as the cache allows; a
-/// tile works out what its neighbours' windows need of it for itself.
+/// else. For plane c of window centres each row goes through the whole chain: its products are summed along z, over
+/// planes c - r to c + r; those of 2 r + 1 rows along y, these along x, and that gives the coefficients of the row r
+/// before; the coefficients of 2 r + 1 rows are summed along y and wait; those of 2 r + 1 planes are summed along z and
+/// x, and end as the gradient of plane c - r. The lattice is swept in tiles, bands of rows that are as high as the
+/// cache allows; a tile works out what its neighbours' windows need of it for itself.
+///
+/// Every sum is made anew from what is in it. A window that moves on, taking in a row and letting one go, needs fewer
+/// operations, but in double, or what had been in it would leave a trace, and writes what it carries: for windows of 5
+/// samples it took three times as long.
 ///
 /// Images of two dimensions are rows that are one plane each.
 template <int Dim, class T>
@@ -45,7 +50,10 @@ class LocalCorrelation final : public Similarity<Dim, T> {
     radius_[0] = radius(0);
     radius_[2] = radius(Dim - 1);
     if constexpr (Dim == 3) radius_[1] = radius(1);
-    stride_ = (static_cast<std::size_t>(size_[0]) + 15) / 16 * 16;
+    const auto rounded_up = [](int count) { return (static_cast<std::size_t>(count) + 15) / 16 * 16; };
+    stride_ = rounded_up(size_[0]);
+    margin_ = rounded_up(radius_[0]);
+    padded_stride_ = stride_ + 2 * margin_;
     for (int x = 0; x < size_[0]; ++x) inverse_widths_.push_back(T(1) / static_cast<T>(window_count(0, x)));
     ones_.assign(static_cast<std::size_t>(size_[0]), T(1));
     make_tiles();
@@ -78,20 +86,22 @@ class LocalCorrelation final : public Similarity<Dim, T> {
   struct Tile {
     Range rows, planes;
   };
-  /// What a thread keeps of the tile it is at. Rows of one quantity after the other, `stride_` apart.
+  /// What a thread keeps of the tile it is at. Rows of one quantity after the other, `stride_` apart. As many rows, and
+  /// planes, as a window holds: the place of one is its number modulo that, and those beyond the lattice are 0.
   struct Work {
-    std::vector<double> product_sums, coefficient_sums;          ///< along z, of each row
-    std::vector<double> product_row_sums, coefficient_row_sums;  ///< along y as well, of the row at hand
-    std::vector<T> coefficient_rows, coefficient_planes;         ///< the last rows; the last planes, summed along y
-    std::vector<T> padded, summed;                               ///< for the sums along x
+    LineVector<T> image_rows;          ///< of both images and the weights: the planes of one row, then the next row
+    LineVector<T> product_rows;        ///< summed along z
+    LineVector<T> coefficient_rows;    ///< of window centres
+    LineVector<T> coefficient_planes;  ///< summed along y: the planes of one row, then the next row
+    LineVector<T> padded, summed;      ///< for the sums along x
   };
 
   void make_tiles() {
-    // Rows that the cache holds: those of five products go beyond a tile by two radii on both sides.
-    const std::size_t products = 5 * sizeof(double);
-    const std::size_t coefficients = 3 * (static_cast<std::size_t>(2 * radius_[2] + 2) * sizeof(T) + sizeof(double));
-    const long rows = static_cast<long>(kCacheBytes / stride_) - 4 * radius_[1] * static_cast<long>(products);
-    const long fit = rows / static_cast<long>(products + coefficients);
+    // Rows that the cache holds: those of both images go beyond a tile by two radii on both sides.
+    const std::size_t images = 2 * sizeof(T) * static_cast<std::size_t>(window(2));
+    const std::size_t coefficients = 3 * sizeof(T) * static_cast<std::size_t>(window(2));
+    const long rows = static_cast<long>(kCacheBytes / stride_) - 4 * radius_[1] * static_cast<long>(images);
+    const long fit = rows / static_cast<long>(images + coefficients);
     const int least = std::max(8, 2 * radius_[1]);  // a tile's own rows are worth those beside it
     const int height = static_cast<int>(std::clamp<long>(fit, least, std::max(least, (size_[1] + 1) / 2)));
     const int bands = (size_[1] + height - 1) / height, chunks = (size_[2] + kMostPlanes - 1) / kMostPlanes;
@@ -153,138 +163,130 @@ class LocalCorrelation final : public Similarity<Dim, T> {
   double sweep_tile(const Scene& scene, const Tile& tile, Work& work) const {
     const int ry = radius_[1], rz = radius_[2];
     const Range rows = tile.rows.grown(2 * ry, size_[1]), windows = tile.rows.grown(ry, size_[1]);
-    const Range planes = tile.planes.grown(2 * rz, size_[2]), centres = tile.planes.grown(rz, size_[2]);
-    clear<Sums, Coefficients>(tile, work);
-    const auto product_sums = [&](int row) {
-      return work.product_sums.data() + static_cast<std::size_t>(row - rows.begin) * Sums * stride_;
+    const Range centres = tile.planes.grown(rz, size_[2]);
+    constexpr std::size_t channels = Sums - 3;
+    const std::size_t product_row = Sums * stride_, coefficient_row = Coefficients * stride_;
+    const auto planes = static_cast<std::size_t>(window(2)), row_count = static_cast<std::size_t>(rows.count());
+    work.image_rows.assign(row_count * planes * channels * stride_, T(0));
+    work.product_rows.resize(static_cast<std::size_t>(window(1)) * product_row);
+    work.coefficient_rows.resize(static_cast<std::size_t>(window(1)) * coefficient_row);
+    work.coefficient_planes.assign(static_cast<std::size_t>(tile.rows.count()) * planes * coefficient_row, T(0));
+    work.padded.resize(std::max(Sums, Coefficients) * padded_stride_);
+    work.summed.resize(std::max(Sums, Coefficients) * stride_);
+    const auto images = [&](int row) {
+      return work.image_rows.data() + static_cast<std::size_t>(row - rows.begin) * planes * channels * stride_;
     };
-    const auto coefficient_row = [&](int row) {
-      return work.coefficient_rows.data() + static_cast<std::size_t>(row % (2 * ry + 2)) * Coefficients * stride_;
-    };
+    for (int plane = centres.begin - rz; plane < centres.begin + rz; ++plane)
+      for (int row = rows.begin; row < rows.end; ++row)
+        take_row<channels>(scene, row, plane, images(row) + place(plane, 2) * channels * stride_);
     double energy = 0;
-    for (int plane = planes.begin; plane < tile.planes.end + 2 * rz; ++plane) {
-      const int centre = plane - rz, left = centre - rz - 1;
-      std::fill_n(work.product_row_sums.begin(), Sums * stride_, 0.0);
-      std::fill_n(work.coefficient_row_sums.begin(), Coefficients * stride_, 0.0);
+    for (int centre = centres.begin; centre < tile.planes.end + rz; ++centre) {
+      std::fill(work.product_rows.begin(), work.product_rows.end(), T(0));
+      std::fill(work.coefficient_rows.begin(), work.coefficient_rows.end(), T(0));
       for (int row = rows.begin; row < tile.rows.end + 2 * ry; ++row) {
-        if (rows.holds(row)) {
-          if (planes.holds(plane) && rows.holds(row + 1)) prefetch(scene, first_of(row + 1, plane));
-          if (planes.holds(plane)) add_products<Sums, 1>(scene, first_of(row, plane), product_sums(row));
-          if (planes.holds(left)) add_products<Sums, -1>(scene, first_of(row, left), product_sums(row));
-        }
-        const int own = row - 2 * ry;
+        const int at = row - ry, own = row - 2 * ry;
         if (centres.holds(centre)) {
-          const int window = row - ry, gone = own - 1;
-          slide_window<double>(Sums * stride_, rows.holds(row) ? product_sums(row) : nullptr,
-                               rows.holds(gone) ? product_sums(gone) : nullptr, work.product_row_sums.data());
-          if (windows.holds(window)) {
-            for (std::size_t k = 0; k < Sums; ++k) sum_along_x(work.product_row_sums.data() + k * stride_, work, k);
-            energy += coefficients_of<Sums, Coefficients>(scene, window, centre,
-                                                          tile.rows.holds(window) && tile.planes.holds(centre),
-                                                          work.summed.data(), coefficient_row(window));
+          T* entering = work.product_rows.data() + place(row, 1) * product_row;
+          if (rows.holds(row)) {
+            take_row<channels>(scene, row, centre + rz, images(row) + place(centre + rz, 2) * channels * stride_);
+            sum_products<Sums>(images(row), entering);
+          } else {
+            std::fill_n(entering, product_row, T(0));
           }
-          const int behind = window - 2 * ry - 1;
-          slide_window<T>(Coefficients * stride_, windows.holds(window) ? coefficient_row(window) : nullptr,
-                          windows.holds(behind) ? coefficient_row(behind) : nullptr, work.coefficient_row_sums.data());
+          T* coefficients = work.coefficient_rows.data() + place(at, 1) * coefficient_row;
+          if (windows.holds(at)) {
+            sum_windows(Sums, window(1), work.product_rows.data(), work);
+            energy += coefficients_of<Sums, Coefficients>(
+                scene, at, centre, tile.rows.holds(at) && tile.planes.holds(centre), work.summed.data(), coefficients);
+          } else if (at >= 0) {
+            std::fill_n(coefficients, coefficient_row, T(0));
+          }
         }
-        if (tile.rows.holds(own)) finish_row<Coefficients>(scene, tile, own, centre, work);
+        if (!tile.rows.holds(own)) continue;
+        T* own_row =
+            work.coefficient_planes.data() + static_cast<std::size_t>(own - tile.rows.begin) * planes * coefficient_row;
+        T* entering = own_row + place(centre, 2) * coefficient_row;
+        if (centres.holds(centre))
+          sum_rows(window(1), coefficient_row, work.coefficient_rows.data(), coefficient_row, entering);
+        else
+          std::fill_n(entering, coefficient_row, T(0));
+        if (!tile.planes.holds(centre - rz)) continue;
+        sum_windows(Coefficients, window(2), own_row, work);
+        give_gradient<Coefficients>(scene, own, centre - rz, work.summed.data());
       }
     }
     return energy;
   }
 
-  /// Takes a row of coefficients summed along y into the sums along z, and gives the gradient that is then complete.
-  template <std::size_t Coefficients>
-  void finish_row(const Scene& scene, const Tile& tile, int row, int centre, Work& work) const {
-    const int rz = radius_[2];
-    const Range centres = tile.planes.grown(rz, size_[2]);
-    const auto own = static_cast<std::size_t>(row - tile.rows.begin),
-               rows = static_cast<std::size_t>(tile.rows.count());
-    const auto waiting = [&](int plane) {
-      const auto slot = static_cast<std::size_t>(plane % (2 * rz + 2));
-      return work.coefficient_planes.data() + (slot * rows + own) * Coefficients * stride_;
-    };
-    double* sums = work.coefficient_sums.data() + own * Coefficients * stride_;
-    T* entering = centres.holds(centre) ? waiting(centre) : nullptr;
-    if (entering) {
-      const double* row_sums = work.coefficient_row_sums.data();
-#pragma omp simd
-      for (std::size_t x = 0; x < Coefficients * stride_; ++x) entering[x] = static_cast<T>(row_sums[x]);
-    }
-    const int at = centre - rz, left = at - rz - 1;
-    slide_window<T>(Coefficients * stride_, entering, centres.holds(left) ? waiting(left) : nullptr, sums);
-    if (tile.planes.holds(at)) give_gradient<Coefficients>(scene, row, at, sums, work);
-  }
-
-  template <std::size_t Sums, std::size_t Coefficients>
-  void clear(const Tile& tile, Work& work) const {
-    const auto rows = static_cast<std::size_t>(tile.rows.count());
-    const auto product_rows = static_cast<std::size_t>(tile.rows.grown(2 * radius_[1], size_[1]).count());
-    const auto fit = [](auto& values, std::size_t count) {
-      if (values.size() < count) values.resize(count);
-    };
-    fit(work.product_row_sums, Sums * stride_);
-    fit(work.coefficient_row_sums, Coefficients * stride_);
-    fit(work.coefficient_rows, static_cast<std::size_t>(2 * radius_[1] + 2) * Coefficients * stride_);
-    fit(work.coefficient_planes, static_cast<std::size_t>(2 * radius_[2] + 2) * rows * Coefficients * stride_);
-    fit(work.padded, stride_ + 2 * static_cast<std::size_t>(radius_[0]));
-    fit(work.summed, std::max(Sums, Coefficients) * stride_);
-    work.product_sums.assign(product_rows * Sums * stride_, 0.0);
-    work.coefficient_sums.assign(rows * Coefficients * stride_, 0.0);
-  }
-
-  /// A row of both images: rows are too short for the machine to foresee the next one.
-  void prefetch(const Scene& scene, std::size_t first) const {
-    for (std::size_t x = 0; x < static_cast<std::size_t>(size_[0]); x += 64 / sizeof(T)) {
-      __builtin_prefetch(scene.fixed + first + x);
-      __builtin_prefetch(scene.warped + first + x);
-    }
-  }
-
-  /// Adds Sign times a row of products: rounded to T first, so that in float what entered leaves again without a trace.
-  template <std::size_t Sums, int Sign>
-  void add_products(const Scene& scene, std::size_t first, double* to) const {
-    const T *fixed = scene.fixed + first, *warped = scene.warped + first;
-    const T middle_f = scene.middle_fixed, middle_w = scene.middle_warped;
-    const auto width = static_cast<std::size_t>(size_[0]);
-    double *s_f = to, *s_w = to + stride_, *s_ff = to + 2 * stride_, *s_ww = to + 3 * stride_, *s_fw = to + 4 * stride_;
-    if constexpr (Sums == 5) {
-#pragma omp simd
-      for (std::size_t x = 0; x < width; ++x) {
-        const T f = fixed[x] - middle_f, w = warped[x] - middle_w, ff = f * f, ww = w * w, fw = f * w;
-        s_f[x] += Sign * double(f);
-        s_w[x] += Sign * double(w);
-        s_ff[x] += Sign * double(ff);
-        s_ww[x] += Sign * double(ww);
-        s_fw[x] += Sign * double(fw);
-      }
-    } else {
-      const T* weights = weights_from(scene, first);
-      double* s_1 = to + 5 * stride_;
-#pragma omp simd
-      for (std::size_t x = 0; x < width; ++x) {
-        const T weight = weights[x];
-        const bool is_seen = weight != 0;  // not a product with 0: what is hidden may be NaN
-        const T f = is_seen ? fixed[x] - middle_f : T(0), w = is_seen ? warped[x] - middle_w : T(0);
-        const T wf = weight * f, ww = weight * w, wff = wf * f, www = ww * w, wfw = wf * w;
-        s_f[x] += Sign * double(wf);
-        s_w[x] += Sign * double(ww);
-        s_ff[x] += Sign * double(wff);
-        s_ww[x] += Sign * double(www);
-        s_fw[x] += Sign * double(wfw);
-        s_1[x] += Sign * double(weight);
-      }
-    }
-  }
-
-  void sum_along_x(const double* sums, Work& work, std::size_t channel) const {
+  /// Window sums of so many quantities: over `rows` that hold them one after the other, and along x.
+  void sum_windows(std::size_t quantities, int rows, const T* first, Work& work) const {
     const auto width = static_cast<std::size_t>(size_[0]), radius = static_cast<std::size_t>(radius_[0]);
-    T* padded = work.padded.data();
-    std::fill_n(padded, radius, T(0));
+    // All along one axis, then all along the other: what has just been stored is not to be had between two registers.
+    for (std::size_t k = 0; k < quantities; ++k) {
+      T* padded = work.padded.data() + k * padded_stride_;
+      std::fill_n(padded, margin_, T(0));
+      sum_rows(rows, quantities * stride_, first + k * stride_, stride_, padded + margin_);
+      std::fill_n(padded + margin_ + stride_, margin_, T(0));
+    }
+    for (std::size_t k = 0; k < quantities; ++k)
+      sum_along_row(width, radius_[0], work.padded.data() + k * padded_stride_ + margin_ - radius,
+                    work.summed.data() + k * stride_);
+  }
+
+  /// Takes a row of both images in, less their means, and of the weights; none beyond the lattice. What is hidden by a
+  /// weight of 0 is not looked at: it may be NaN.
+  template <std::size_t Channels>
+  void take_row(const Scene& scene, int row, int plane, T* to) const {
+    if (plane < 0 || plane >= size_[2]) return void(std::fill_n(to, Channels * stride_, T(0)));
+    const std::size_t first = first_of(row, plane), width = static_cast<std::size_t>(size_[0]);
+    const T *fixed = scene.fixed + first, *warped = scene.warped + first, *weights = weights_from(scene, first);
+    const T middle_f = scene.middle_fixed, middle_w = scene.middle_warped;
+    T *f = to, *w = to + stride_, *weight = to + 2 * stride_;
+    if (row + 1 < size_[1])  // rows are too short for the machine to foresee the next one
+      for (std::size_t x = width; x < 2 * width; x += 64 / sizeof(T)) {
+        __builtin_prefetch(fixed + x);
+        __builtin_prefetch(warped + x);
+      }
+    if constexpr (Channels == 2) {
 #pragma omp simd
-    for (std::size_t x = 0; x < width; ++x) padded[radius + x] = static_cast<T>(sums[x]);
-    std::fill_n(padded + radius + width, radius, T(0));
-    sum_along_row(width, radius_[0], padded, work.summed.data() + channel * stride_);
+      for (std::size_t x = 0; x < width; ++x) f[x] = fixed[x] - middle_f, w[x] = warped[x] - middle_w;
+    } else {
+#pragma omp simd
+      for (std::size_t x = 0; x < width; ++x) {
+        f[x] = weights[x] != 0 ? fixed[x] - middle_f : T(0);
+        w[x] = weights[x] != 0 ? warped[x] - middle_w : T(0);
+        weight[x] = weights[x];
+      }
+    }
+  }
+
+  /// Products of the rows that lie above each other in a window, summed.
+  template <std::size_t Sums>
+  void sum_products(const T* images, T* to) const {
+    constexpr std::size_t channels = Sums - 3;
+    for (std::size_t x = 0; x < stride_; x += kRegisterLanes<T>) {
+      Register<T> sums[Sums] = {};
+      const T* at = images + x;
+      for (int k = 0; k < window(2); ++k, at += channels * stride_) {
+        const Register<T> f = load(at), w = load(at + stride_);
+        if constexpr (channels == 2) {
+          sums[0] += f;
+          sums[1] += w;
+          sums[2] += f * f;
+          sums[3] += w * w;
+          sums[4] += f * w;
+        } else {
+          const Register<T> weight = load(at + 2 * stride_), wf = weight * f, ww = weight * w;
+          sums[0] += wf;
+          sums[1] += ww;
+          sums[2] += wf * f;
+          sums[3] += ww * w;
+          sums[4] += wf * w;
+          sums[5] += weight;
+        }
+      }
+      for (std::size_t k = 0; k < Sums; ++k) store(sums[k], to + k * stride_ + x);
+    }
   }
 
   /// Of one row of windows. Without weights a window's are counted.
@@ -333,13 +335,11 @@ class LocalCorrelation final : public Similarity<Dim, T> {
     return is_own ? volume_ * energy : 0.0;
   }
 
-  /// Of one row, from its coefficients' sums along z and y.
+  /// Of one row, from the window sums of its coefficients.
   template <std::size_t Coefficients>
-  void give_gradient(const Scene& scene, int row, int plane, const double* sums, Work& work) const {
+  void give_gradient(const Scene& scene, int row, int plane, const T* s) const {
     const auto width = static_cast<std::size_t>(size_[0]);
     const T middle_f = scene.middle_fixed, middle_w = scene.middle_warped;
-    for (std::size_t k = 0; k < Coefficients; ++k) sum_along_x(sums + k * stride_, work, k);
-    const T* s = work.summed.data();
     const std::size_t first = first_of(row, plane);
     const T *fixed = scene.fixed + first, *warped = scene.warped + first;
     T* gradient = scene.gradient + first;
@@ -349,14 +349,17 @@ class LocalCorrelation final : public Similarity<Dim, T> {
         gradient[x] = (warped[x] - middle_w) * s[stride_ + x] + s[2 * stride_ + x] - (fixed[x] - middle_f) * s[x];
       return;
     }
-    const T* weights = weights_from(scene, first);
+    const T *weights = weights_from(scene, first), *k_f = s, *k_w = s + stride_, *k_1 = s + 2 * stride_,
+            *k_ff = s + 3 * stride_, *m_f = s + 4 * stride_, *m_1 = s + 5 * stride_;
+    T* weight_gradient = Coefficients == 6 ? scene.weight_gradient + first : nullptr;
+#pragma omp simd
     for (std::size_t x = 0; x < width; ++x) {
       const T weight = weights[x], f = fixed[x] - middle_f, w = warped[x] - middle_w;
-      gradient[x] = weight == 0 ? T(0) : -weight * (f * s[x] - w * s[stride_ + x] - s[2 * stride_ + x]);
+      const T along = w * k_w[x] + k_1[x] - f * k_f[x];
+      gradient[x] = weight == 0 ? T(0) : weight * along;
       if constexpr (Coefficients == 6)
-        scene.weight_gradient[first + x] -= f * w * s[x] - T(0.5) * f * f * s[3 * stride_ + x] -
-                                            T(0.5) * w * w * s[stride_ + x] + f * s[4 * stride_ + x] -
-                                            w * s[2 * stride_ + x] + s[5 * stride_ + x];
+        weight_gradient[x] +=
+            w * (k_1[x] - f * k_f[x] + T(0.5) * w * k_w[x]) + f * (T(0.5) * f * k_ff[x] - m_f[x]) - m_1[x];
     }
   }
 
@@ -368,13 +371,16 @@ class LocalCorrelation final : public Similarity<Dim, T> {
     return (static_cast<std::size_t>(plane) * static_cast<std::size_t>(size_[1]) + static_cast<std::size_t>(row)) *
            static_cast<std::size_t>(size_[0]);
   }
-  /// Samples of a window along an axis, cut at the border.
+  int window(int axis) const { return 2 * radius_[axis] + 1; }  ///< samples along an axis
+  std::size_t place(int i, int axis) const { return static_cast<std::size_t>((i + window(axis)) % window(axis)); }
+  /// The same, cut at the border.
   int window_count(int axis, int at) const {
     return std::min(size_[axis] - 1, at + radius_[axis]) - std::max(0, at - radius_[axis]) + 1;
   }
 
   std::array<int, 3> size_{1, 1, 1}, radius_{};  ///< along x, rows, planes
   std::size_t sites_, stride_;                   ///< of the lattice; between quantities of a row
+  std::size_t margin_, padded_stride_;           ///< zeros on either side of a row; between rows with those
   double volume_, floor2_;
   std::vector<T> inverse_widths_;  ///< 1 / window_count along x
   std::vector<T> ones_;            ///< a row of weights where none are given

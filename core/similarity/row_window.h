@@ -3,21 +3,30 @@
 #include <algorithm>
 #include <cstddef>
 
+#include "core/support/registers.h"
+
 namespace saltus {
 
-/// sum[x] += entering[x] - leaving[x], for a window that moves on by one row; null where it has no row to take or to
-/// give. In double: what entered in float leaves again without a trace, so that a flat window after an edge is flat.
+/// to[x] = the sum of `rows` values first[x], first[x + row_stride], ..., for `count` of them.
 template <class T>
-void slide_window(std::size_t count, const T* entering, const T* leaving, double* sum) {
-  if (entering && leaving) {
-#pragma omp simd
-    for (std::size_t x = 0; x < count; ++x) sum[x] += double(entering[x]) - double(leaving[x]);
-  } else if (entering) {
-#pragma omp simd
-    for (std::size_t x = 0; x < count; ++x) sum[x] += double(entering[x]);
-  } else if (leaving) {
-#pragma omp simd
-    for (std::size_t x = 0; x < count; ++x) sum[x] -= double(leaving[x]);
+void sum_rows(int rows, std::size_t row_stride, const T* first, std::size_t count, T* to) {
+  constexpr std::size_t lanes = kRegisterLanes<T>;
+  std::size_t x = 0;
+  for (; x + 2 * lanes <= count; x += 2 * lanes) {
+    const T* from = first + x;
+    Register<T> low = load(from), high = load(from + lanes);
+    for (int row = 1; row < rows; ++row) {
+      from += row_stride;
+      low += load(from);
+      high += load(from + lanes);
+    }
+    store(low, to + x);
+    store(high, to + x + lanes);
+  }
+  for (; x < count; ++x) {
+    T sum = first[x];
+    for (int row = 1; row < rows; ++row) sum += first[x + static_cast<std::size_t>(row) * row_stride];
+    to[x] = sum;
   }
 }
 

@@ -5,19 +5,20 @@
 #include <algorithm>
 #include <vector>
 
+#include "core/support/registers.h"
 #include "core/support/stopwatch.h"
 
 namespace saltus::benchmark {
 namespace {
 
-typedef float Lanes __attribute__((vector_size(32)));
+using Lanes = Register<float>;
 
 /// Enough sums that one need not wait for another: the latency of a multiply-add times two a cycle.
 constexpr int kSums = 10;
 
 Lanes multiply_and_add(int rounds) {
   Lanes sums[kSums], factor, term;
-  for (int lane = 0; lane < 8; ++lane) factor[lane] = 0.999f, term[lane] = 1e-3f;
+  for (std::size_t lane = 0; lane < kRegisterLanes<float>; ++lane) factor[lane] = 0.999f, term[lane] = 1e-3f;
   for (int k = 0; k < kSums; ++k) sums[k] = term * static_cast<float>(k);
   for (int round = 0; round < rounds; ++round)
 #pragma GCC unroll 10
@@ -57,7 +58,7 @@ MachineLimits measure_limits() {
       kept += multiply_and_add(rounds)[0];
       ++threads;
     }
-    const double work = 2e-9 * 8 * kSums * static_cast<double>(rounds) * threads;
+    const double work = 2e-9 * kRegisterLanes<float> * kSums * static_cast<double>(rounds) * threads;
     limits.gigaflops = std::max(limits.gigaflops, work / taken(watch));
   }
   // Of use, so that the loop is not left out.
