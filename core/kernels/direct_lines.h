@@ -7,63 +7,114 @@
 
 #include <algorithm>
 #include <cstring>
+#include <utility>
 #include <vector>
 
 namespace saltus {
 
-/// out row i (+)= sum over taps of tap * value, for `Rows` rows of `Registers` registers of neighbouring values. The
-/// value of the first tap of row 0 stands at `first`, that of each next tap one `step` before, that of each next row
-/// one `step` after: rows share what they read. Sums are made in the order of the taps, all of them at once, so that
-/// none waits for another.
-template <int Rows, int Registers, class T>
+/// visit(0), ..., visit(Count - 1), as constants.
+template <int Count, class Visit>
+[[gnu::always_inline]] inline void unrolled(Visit&& visit) {
+  [&]<int... i>(std::integer_sequence<int, i...>) { (visit(std::integral_constant<int, i>()), ...); }
+  (std::make_integer_sequence<int, Count>());
+}
+
+/// out (+)= sum over taps of tap * value, for `Blocks` blocks of `Registers` registers of neighbouring values, which
+/// are out_step apart. The value of the first tap stands for block 0 at `first`, for each next tap one `step` before,
+/// for each next block `Apart` steps after: blocks share what they read. Sums are made in the order of the taps, all of
+/// them at once, so that none waits for another. There are at least (Blocks - 1) * Apart taps.
+template <int Blocks, int Registers, int Apart, class T>
 [[gnu::always_inline]] inline void sum_taps(const std::vector<T>& taps, const T* first, std::size_t step, bool adds,
                                             T* out, std::size_t out_step) {
   constexpr std::size_t lanes = kRegisterLanes<T>;
+  constexpr int last = (Blocks - 1) * Apart;
   const int count = static_cast<int>(taps.size());
-  Register<T> sum[Rows][Registers] = {};
+  Register<T> sum[Blocks][Registers] = {};
   if (adds)
-    for (int row = 0; row < Rows; ++row)
-      for (int v = 0; v < Registers; ++v) sum[row][v] = load(out + row * out_step + v * lanes);
-  const T* values = first + (Rows - 1) * step;
-  // Row r takes tap k - (Rows - 1) + r of the values at hand; at both ends some rows have none.
-  const auto take = [&](int k, auto is_whole) {
-    Register<T> at_hand[Registers];
-#pragma GCC unroll 8
-    for (int v = 0; v < Registers; ++v) at_hand[v] = load(values + v * lanes);
-#pragma GCC unroll 4
-    for (int row = 0; row < Rows; ++row) {
-      const int tap = k - (Rows - 1) + row;
-      if (!is_whole && (tap < 0 || tap >= count)) continue;
-      const T factor = taps[static_cast<std::size_t>(tap)];
-#pragma GCC unroll 8
-      for (int v = 0; v < Registers; ++v) sum[row][v] += factor * at_hand[v];
+    unrolled<Blocks>(
+        [&](auto b) { unrolled<Registers>([&](auto v) { sum[b][v] = load(out + b * out_step + v * lanes); }); });
+  const T* values = first + last * step;
+  // Block b takes tap k - (Blocks - 1 - b) * Apart of the values at hand, so the last block begins and ends first.
+  const auto take = [&](int from, int to, auto low, auto high) {
+    for (int k = from; k < to; ++k, values -= step) {
+      Register<T> at_hand[Registers];
+      unrolled<Registers>([&](auto v) { at_hand[v] = load(values + v * lanes); });
+      unrolled<high - low>([&](auto i) {
+        constexpr int b = low + i;
+        const T factor = taps[static_cast<std::size_t>(k - (Blocks - 1 - b) * Apart)];
+        unrolled<Registers>([&](auto v) { sum[b][v] += factor * at_hand[v]; });
+      });
     }
-    values -= step;
   };
-  int k = 0;
-  for (; k < std::min(Rows - 1, count); ++k) take(k, std::false_type());
-  for (; k < count; ++k) take(k, std::true_type());
-  for (; k < count + Rows - 1; ++k) take(k, std::false_type());
-#pragma GCC unroll 4
-  for (int row = 0; row < Rows; ++row)
-#pragma GCC unroll 8
-    for (int v = 0; v < Registers; ++v) store(sum[row][v], out + row * out_step + v * lanes);
+  using std::integral_constant;
+  unrolled<Blocks - 1>([&](auto j) {
+    take(j * Apart, (j + 1) * Apart, integral_constant<int, Blocks - 1 - j>(), integral_constant<int, Blocks>());
+  });
+  take(last, count, integral_constant<int, 0>(), integral_constant<int, Blocks>());
+  unrolled<Blocks - 1>([&](auto j) {
+    take(count + j * Apart, count + (j + 1) * Apart, integral_constant<int, 0>(),
+         integral_constant<int, Blocks - 1 - j>());
+  });
+  unrolled<Blocks>(
+      [&](auto b) { unrolled<Registers>([&](auto v) { store(sum[b][v], out + b * out_step + v * lanes); }); });
 }
 
-/// The same for a row of `count` values.
+/// The same where only `count` values of each block may be touched in `out`.
+template <int Blocks, int Registers, int Apart, class T>
+inline void sum_taps_of_some(const std::vector<T>& taps, const T* first, std::size_t step, bool adds, std::size_t count,
+                             T* out, std::size_t out_step) {
+  constexpr std::size_t width = Registers * kRegisterLanes<T>;
+  if (count == width) return sum_taps<Blocks, Registers, Apart>(taps, first, step, adds, out, out_step);
+  alignas(64) T sums[Blocks * width] = {};
+  if (adds)
+    for (std::size_t b = 0; b < Blocks; ++b) std::copy_n(out + b * out_step, count, sums + b * width);
+  sum_taps<Blocks, Registers, Apart>(taps, first, step, adds, sums, width);
+  for (std::size_t b = 0; b < Blocks; ++b) std::copy_n(sums + b * width, count, out + b * out_step);
+}
+
+/// visit(how many registers hold so many values), as a constant from 1 to Most.
+template <int Most, class T, class Visit>
+[[gnu::always_inline]] inline void with_registers(std::size_t values, Visit&& visit) {
+  const int needed = static_cast<int>((values + kRegisterLanes<T> - 1) / kRegisterLanes<T>);
+  unrolled<Most>([&](auto i) {
+    if (needed == i + 1) visit(std::integral_constant<int, i + 1>());
+  });
+}
+
+/// Registers that are summed at once: as many as keep the processor busy while each waits for itself.
+constexpr int kSums = 8;
+/// Rows that share what they read; where there are half as many registers, the values would find no room in them.
+constexpr int kRows = kRegisterBytes == 64 ? 2 : 1;
+
+/// A line of `count` values, those of one site `channels` of them, between zeros as far as taps reach and registers go
+/// beyond its end.
 template <class T>
-inline void sum_taps_of_run(const std::vector<T>& taps, const T* first, std::size_t step, bool adds, std::size_t count,
-                            T* out) {
-  constexpr std::size_t width = kRegisterLanes<T>;
-  std::size_t i = 0;
-  for (; i + 8 * width <= count; i += 8 * width) sum_taps<1, 8>(taps, first + i, step, adds, out + i, 0);
-  for (; i + width <= count; i += width) sum_taps<1, 1>(taps, first + i, step, adds, out + i, 0);
-  for (; i < count; ++i) {
-    T sum = adds ? out[i] : T(0);
-    const T* from = first + i;
-    for (const T tap : taps) sum += tap * *from, from -= step;
-    out[i] = sum;
+inline void sum_line(const std::vector<T>& taps, const T* first, std::size_t channels, bool adds, std::size_t count,
+                     T* out) {
+  constexpr std::size_t width = kSums * kRegisterLanes<T>;
+  for (std::size_t i = 0; i < count; i += width) {
+    const std::size_t some = std::min(width, count - i);
+    with_registers<kSums, T>(some, [&](auto registers) {
+      sum_taps_of_some<1, registers, 1>(taps, first + i, channels, adds, some, out + i, 0);
+    });
   }
+}
+
+/// The same for rows of more taps than a register has lanes: a value that meets one tap here meets another as many
+/// sites further on.
+template <int Channels, class T>
+inline void sum_line_in_blocks(const std::vector<T>& taps, const T* first, bool adds, std::size_t count, T* out) {
+  constexpr int lanes = kRegisterLanes<T>, most = 3;
+  constexpr std::size_t block = static_cast<std::size_t>(Channels) * lanes;
+  const int blocks = 1 + static_cast<int>(taps.size()) / lanes;
+  std::size_t i = 0;
+  unrolled<most>([&](auto fewer) {
+    constexpr int together = most - fewer;
+    if (together > blocks) return;
+    for (; i + together * block <= count; i += together * block)
+      sum_taps<together, Channels, lanes>(taps, first + i, Channels, adds, out + i, block);
+  });
+  if (i < count) sum_taps_of_some<1, Channels, 1>(taps, first + i, Channels, adds, count - i, out + i, 0);
 }
 
 template <class T>
@@ -80,9 +131,7 @@ bool is_all_zero(const T* values, std::size_t count) {
 template <int Dim, class T>
 void convolve_axis_directly(const Lattice<Dim>& lattice, int channels, int axis, const std::vector<T>& taps,
                             Combine combine, const T* in, T* out) {
-  constexpr std::size_t lanes = 256 / sizeof(T);
-  // Eight sums at a time, in two rows where the registers suffice for the values as well.
-  constexpr int kRows = kRegisterBytes == 64 ? 2 : 1, kRegisters = 8 / kRows;
+  constexpr std::size_t lanes = 256 / sizeof(T), beyond = kSums * kRegisterLanes<T>;
   const std::size_t radius = taps.size() / 2, count = static_cast<std::size_t>(lattice.size[axis]);
   std::size_t inner = static_cast<std::size_t>(channels), outer = 1;
   for (int a = 0; a < axis; ++a) inner *= static_cast<std::size_t>(lattice.size[a]);
@@ -94,7 +143,7 @@ void convolve_axis_directly(const Lattice<Dim>& lattice, int channels, int axis,
 #pragma omp parallel if (in_parallel)
     {
       const std::size_t margin = radius * inner;
-      LineVector<T> line(slab + 2 * margin, T(0));
+      LineVector<T> line(slab + 2 * margin + beyond, T(0));
 #pragma omp for schedule(static)
       for (std::size_t l = 0; l < outer; ++l) {
         if (is_all_zero(in + l * slab, slab)) {
@@ -102,7 +151,13 @@ void convolve_axis_directly(const Lattice<Dim>& lattice, int channels, int axis,
           continue;
         }
         std::copy_n(in + l * slab, slab, line.data() + margin);
-        sum_taps_of_run(taps, line.data() + 2 * margin, inner, adds, slab, out + l * slab);
+        const T* first = line.data() + 2 * margin;
+        if (taps.size() > kRegisterLanes<T> && channels == 3)
+          sum_line_in_blocks<3>(taps, first, adds, slab, out + l * slab);
+        else if (taps.size() > kRegisterLanes<T> && channels == 2)
+          sum_line_in_blocks<2>(taps, first, adds, slab, out + l * slab);
+        else
+          sum_line(taps, first, inner, adds, slab, out + l * slab);
       }
     }
     return;
@@ -127,14 +182,18 @@ void convolve_axis_directly(const Lattice<Dim>& lattice, int channels, int axis,
       while (last > first && is_all_zero(rows + (last - 1) * lanes, width)) --last;
       const std::size_t begin = first < last ? first - std::min(first, radius) : 0;
       const std::size_t end = first < last ? std::min(count, last + radius) : 0;
-      std::size_t row = begin;
-      if (width == lanes)
-        for (; row + kRows <= end; row += kRows)
-          for (std::size_t i = 0; i < lanes; i += kRegisters * kRegisterLanes<T>)
-            sum_taps<kRows, kRegisters>(taps, rows + (row + radius) * lanes + i, lanes, adds,
-                                        out + at + row * inner + i, inner);
-      for (; row < end; ++row)
-        sum_taps_of_run(taps, rows + (row + radius) * lanes, lanes, adds, width, out + at + row * inner);
+      for (std::size_t i = 0; i < width; i += kSums / kRows * kRegisterLanes<T>) {
+        const std::size_t some = std::min(kSums / kRows * kRegisterLanes<T>, width - i);
+        with_registers<kSums / kRows, T>(some, [&](auto registers) {
+          const auto sum_rows = [&](auto rows_at_once, std::size_t row) {
+            sum_taps_of_some<rows_at_once, registers, 1>(taps, rows + (row + radius) * lanes + i, lanes, adds, some,
+                                                         out + at + row * inner + i, inner);
+          };
+          std::size_t row = begin;
+          for (; row + kRows <= end; row += kRows) sum_rows(std::integral_constant<int, kRows>(), row);
+          for (; row < end; ++row) sum_rows(std::integral_constant<int, 1>(), row);
+        });
+      }
       if (adds) continue;
       for (std::size_t other = 0; other < count; ++other)
         if (other < begin || other >= end) std::fill_n(out + at + other * inner, width, T(0));

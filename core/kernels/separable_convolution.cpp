@@ -4,15 +4,18 @@
 #include "core/kernels/direct_lines.h"
 #include "core/kernels/line_strips.h"
 #include "core/kernels/sliding_moments.h"
+#include "core/support/registers.h"
 
 namespace saltus {
 namespace {
 
 /// The shortest runs for which moments are faster, along x, y and z. Measured with
 /// tests/benchmark/convolution_benchmark.cpp: 96^3 sites, 3 channels, float; ns a value of rows with runs of 6, 12, 20
-/// and 64 samples tap by tap along x 0.65, 1.0, 1.5, 4.3, y 0.8, 0.95, 1.3, 4.5, z 0.8, 1.0, 1.3, 4.1; by moments 1.3,
-/// 0.9 and 1.2 at all of them.
-constexpr int kShortestRun[3] = {18, 10, 16};
+/// and 64 samples tap by tap along x 0.55, 0.8, 1.1, 2.8, y 0.45, 0.6, 0.75, 1.7, z 0.5, 0.6, 0.75, 1.6; by moments
+/// 1.1, 0.75 to 0.85 and 1.0 at all of them. Registers of half the size take tap by tap 0.65, 1.0, 1.5, 4.3 along x,
+/// 0.8, 0.95, 1.3, 4.3 along the others.
+constexpr std::array<int, 3> kShortestRun =
+    kRegisterBytes == 64 ? std::array<int, 3>{24, 24, 40} : std::array<int, 3>{18, 10, 16};
 /// The same where blocks are copied into columns first, whatever the axis.
 constexpr int kShortestRunOfBlocks = 5;
 
@@ -41,7 +44,7 @@ void convolve_axis(const Lattice<Dim>& lattice, int channels, int axis, const st
 template <int Dim, class T>
 void convolve_axis(const Lattice<Dim>& lattice, int channels, int axis, const AxisTaps<T>& taps, Combine combine,
                    const T* in, T* out) {
-  if (uses_moments(taps, kShortestRun[axis]))
+  if (uses_moments(taps, kShortestRun[static_cast<std::size_t>(axis)]))
     convolve_axis_by_moments<Dim, T>(lattice, channels, axis, taps, combine, in, out);
   else
     convolve_axis<Dim, T>(lattice, channels, axis, taps.direct, combine, in, out);
