@@ -64,6 +64,34 @@ Field<T> backward_map(const Lattice<Dim>& points, const Lattice<Dim>& lattice,
   return moved;
 }
 
+template <int Dim, class T>
+double map_error(const Lattice<Dim>& lattice, const std::vector<Field<T>>& velocities) {
+  std::vector<Field<T>> halved;
+  for (std::size_t k = 0; k < velocities.size(); ++k) {
+    if (k > 0) {
+      Field<T>& between = halved.emplace_back(velocities[k].size());
+#pragma omp parallel for simd schedule(static)
+      for (std::size_t i = 0; i < between.size(); ++i) between[i] = (velocities[k - 1][i] + velocities[k][i]) / 2;
+    }
+    halved.push_back(velocities[k]);
+  }
+  const Field<T> coarse = backward_map<Dim, T>(lattice, lattice, velocities),
+                 fine = backward_map<Dim, T>(lattice, lattice, halved);
+  std::vector<T> squares(lattice.sites());
+#pragma omp parallel for schedule(static)
+  for (std::size_t site = 0; site < squares.size(); ++site) {
+    T sum = 0;
+    for (int c = 0; c < Dim; ++c) {
+      const T off = coarse[Dim * site + c] - fine[Dim * site + c];
+      sum += off * off;
+    }
+    squares[site] = sum;
+  }
+  const auto rank = squares.begin() + static_cast<std::ptrdiff_t>(0.999 * static_cast<double>(squares.size() - 1));
+  std::nth_element(squares.begin(), rank, squares.end());
+  return 4.0 / 3 * std::sqrt(static_cast<double>(*rank));
+}
+
 namespace {
 
 /// v of a node at a point of the frame.
@@ -143,6 +171,7 @@ template class BackwardMap<3, double>;
 #define SALTUS_FORWARD(DIM, T)                                                                                       \
   template Vector<DIM> forward_guess<DIM, T>(const Lattice<DIM>&, const std::vector<Field<T>>&, const Vector<DIM>&); \
   template Vector<DIM> forward_point<DIM, T>(const Lattice<DIM>&, const std::vector<Field<T>>&, const Vector<DIM>&); \
+  template double map_error<DIM, T>(const Lattice<DIM>&, const std::vector<Field<T>>&);                              \
   template Field<T> backward_map<DIM, T>(const Lattice<DIM>&, const Lattice<DIM>&, const std::vector<Field<T>>&);    \
   template Field<T> forward_map<DIM, T>(const Lattice<DIM>&, const Lattice<DIM>&, const std::vector<Field<T>>&);
 SALTUS_FORWARD(2, float)

@@ -31,6 +31,12 @@ template <int Dim, class T>
 Field<T> backward_map(const Lattice<Dim>& points, const Lattice<Dim>& velocity_lattice,
                       const std::vector<Field<T>>& velocities);
 
+/// How far backward_map is from what it would be with ever more nodes, between which v is linear in time: at most so
+/// far, mm, at 99.9 % of the sites of the velocities' own lattice. From the same map with twice as many steps, the
+/// error being of second order.
+template <int Dim, class T>
+double map_error(const Lattice<Dim>& lattice, const std::vector<Field<T>>& velocities);
+
 /// phi_1(y) of a point in the frame, mm: the inverse of what BackwardMap::follow does to it, not another approximation
 /// of the flow. Each step of follow is undone by x <- x + (target - step(x)) from Heun's guess, which contracts by
 /// about |D v| / time_steps (at once in a pure shear), until the target is met to a thousandth of the smallest spacing

@@ -15,7 +15,7 @@ namespace {
 
 constexpr char kMagic[8] = {'S', 'A', 'L', 'T', 'U', 'S', 'C', 'P'};
 /// To be raised with every change of what is stored or of what is computed from it.
-constexpr std::uint32_t kVersion = 14;
+constexpr std::uint32_t kVersion = 15;
 
 struct Header {
   char magic[8];
@@ -135,6 +135,8 @@ void transfer_level(Stream& stream, Level& level) {
   stream(level.first_order_gain);
   stream(level.first_order_shear);
   stream(level.oriented_elements);
+  stream(level.map_steps);
+  stream(level.map_error_mm);
   stream(level.oblique_share);
   stream(level.seconds);
   stream(level.cpu_seconds);

@@ -14,7 +14,8 @@ std::size_t memory_estimate(const ImageGrid<Dim>& fixed, const ImageGrid<Dim>& m
   const RegistrationOptions options = resolved(asked, image);
   const RegistrationOptions::Momenta& m = options.momenta;
   const double full = static_cast<double>(fixed.voxels()), full_moving = static_cast<double>(moving.voxels());
-  const double steps = options.flow.time_steps, nodes = steps * options.flow.map_steps + 1;
+  const double steps = options.flow.time_steps;
+  const double nodes = steps * std::max(options.flow.map_steps, options.flow.map_tolerance > 0 ? kMostMapSteps : 1) + 1;
   constexpr double vector = Dim * sizeof(float), scalar = sizeof(float);
   const double similarity = scalar * similarity_scratch(options.similarity, Dim);
   const auto sites_of = [&](int level) { return static_cast<double>(level_lattice(image, level).sites()); };

@@ -22,6 +22,9 @@ struct KernelWidth {
 
 /// Everything that can be chosen about a registration. Defaults depend on model, similarity and preset and are
 /// made in one place, default_options. All expert parameters have a name for set_parameter.
+/// That map_tolerance asks for.
+constexpr int kMostMapSteps = 4;
+
 struct RegistrationOptions {
   Model model = Model::Auto;
   SimilarityType similarity = SimilarityType::Lncc;
@@ -72,7 +75,10 @@ struct RegistrationOptions {
   struct Flow {
     Evolution evolution = Evolution::Carried;
     int time_steps = 4;
-    int map_steps = 1;   ///< steps of the map in each time step, see flow/geodesic_shooting.h
+    int map_steps = 1;  ///< steps of the map in each time step, see flow/geodesic_shooting.h
+    /// Voxels of a level. Above 0 each level takes as many map steps, up to kMostMapSteps, as keep 99.9 % of its sites
+    /// from being followed more wrongly than this by the motion found before it; the finest no fewer than map_steps.
+    double map_tolerance = 0;
     int coarsening = 0;  ///< order 0 (beside which no order 1 shares its scale), and the flow as long as it is
                          ///< alone, are sampled 2^n times coarser than the images of the level
     double divergence_weight = 0;  ///< of 1/2 integral |div v|^2 over space and time: holds back opening and overlap

@@ -332,6 +332,11 @@ const std::vector<Parameter>& parameters() {
       integer(
           "map_steps", "", 1, 16, "steps of the map in each time step; the velocity is linear in time over them",
           [](O & o) -> auto& { return o.flow.map_steps; }),
+      real(
+          "map_tolerance", "voxels of the level", 0, Lower::Inclusive, inf,
+          "above 0: as many steps of the map on each level as follow 99.9 % of its sites so exactly, on the finest at "
+          "least map_steps",
+          [](O & o) -> auto& { return o.flow.map_tolerance; }),
       integer(
           "coarsening", "levels", 0, 3,
           "order 0, and the flow while there is no order 1, are sampled so much coarser than the images of a level",

@@ -1,10 +1,12 @@
 #include "core/registration/pyramid_run.h"
 
+#include "core/flow/backward_map.h"
 #include "core/registration/expected_iterations.h"
 #include "core/support/errors.h"
 #include "core/support/thread_count.h"
 
 #include <algorithm>
+#include <cmath>
 #include <istream>
 
 namespace saltus {
@@ -54,6 +56,7 @@ PyramidRun<Dim>::PyramidRun(const RegistrationInput<Dim>& input, const Registrat
     if (level == finest || std::any_of(scales_.begin(), scales_.end(), [&](const auto& s) { return s.level >= level; }))
       levels_.push_back(level);
   if (is_blank_) levels_ = {finest};
+  map_steps_ = options_.flow.map_tolerance > 0 && levels_.size() > 1 ? 1 : options_.flow.map_steps;
 
   // Where first orders have to be worth it, most levels end after the round without them.
   for (int level : levels_) meter_.plan_step(planned_work(level, options_.momenta.first_order_gain <= 0));
@@ -137,7 +140,9 @@ void PyramidRun<Dim>::begin_level(std::size_t step) {
   level_.spacing_mm = voxel;
   level_.smoothing_voxels = pyramid_.smoothing_voxels(level);
   level_.similarity_weight = pyramid_.similarity_weight(level);
+  level_.map_steps = map_steps_;
   if (is_resumed_) level_ = reached_.level;
+  images_.map_steps = level_.map_steps;
   level_seconds_before_ = level_.seconds;
   level_cpu_seconds_before_ = level_.cpu_seconds;
 
@@ -294,12 +299,28 @@ void PyramidRun<Dim>::end_level() {
   reached_.active_elements = objective_->working_set().active_elements();
   level_.active_block_share = objective_->working_set().active_block_share();
   level_.oblique_share = objective_->working_set().oblique_share();
+  if (options_.flow.map_tolerance > 0) choose_map_steps();
   for (const auto& elements : reached_.active_elements) level_.oriented_elements += static_cast<int>(elements.size());
   objective_->on_work({});
   meter_.end(step_);
   count_level_time(level_);
   summary_.termination = level_.termination;
   summary_.levels.push_back(level_);
+}
+
+/// Of the next level, from what this one has found.
+template <int Dim>
+void PyramidRun<Dim>::choose_map_steps() {
+  level_.map_error_mm =
+      map_error<Dim, Scalar>(objective_->flow_lattice(), objective_->velocities(reached_.minimiser.x));
+  if (step_ + 1 == levels_.size()) return;
+  const Lattice<Dim> next = level_lattice(pyramid_.fixed_lattice(), levels_[step_ + 1]);
+  const double voxel = *std::min_element(next.spacing.begin(), next.spacing.end());
+  // Of second order, as if all steps were the map's.
+  const double needed = level_.map_steps * std::sqrt(level_.map_error_mm / (options_.flow.map_tolerance * voxel));
+  // What the finest level adds to the motion is narrow, and where steps are few noise is worth more to first orders.
+  const double least = step_ + 2 == levels_.size() ? options_.flow.map_steps : 1;
+  map_steps_ = static_cast<int>(std::clamp(std::ceil(needed), least, std::max(least, double(kMostMapSteps))));
 }
 
 template <int Dim>

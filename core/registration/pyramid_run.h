@@ -59,6 +59,7 @@ class PyramidRun {
   bool is_enough(const FirstOrderPromise& promise, int level) const;
   double planned_work(int level, bool lets_in) const;
   void make_objective(const SparsityRound& round);
+  void choose_map_steps();
   bool first_orders_are_worth_it();
   void begin_round(std::size_t round);
   void minimise_round(std::size_t round);
@@ -84,6 +85,8 @@ class PyramidRun {
   Checkpoint reached_;  ///< where the run stands; what only a blob needs is filled in when one is made
   bool is_resumed_ = false;
   RegistrationSummary summary_;
+
+  int map_steps_ = 1;  ///< of the next level
 
   // Of the level at hand.
   std::size_t step_ = 0;

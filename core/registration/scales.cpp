@@ -26,11 +26,11 @@ LeastPromise least_promise(SimilarityType similarity, int dimension) {
   const auto everywhere = [](double gain, double shear) { return LeastPromise{gain, shear, gain, shear}; };
   switch (similarity) {
     case SimilarityType::Ssd:
-      return {2, 1.8, 0.1, 1.4};
+      return {2, 1.6, 0.1, 1.3};
     case SimilarityType::Lncc:
-      return dimension == 2 ? everywhere(3.7, 0.6) : everywhere(1, 1.45);
+      return dimension == 2 ? everywhere(4.75, 0.6) : everywhere(1, 1.45);
     case SimilarityType::Ncc:
-      return everywhere(1, dimension == 2 ? 1.15 : 1.45);
+      return everywhere(1, dimension == 2 ? 1.2 : 1.45);
     default:
       return everywhere(2.6, 1.1);
   }

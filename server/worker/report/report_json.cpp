@@ -88,6 +88,7 @@ Json describe(const LevelSummary& level) {
                {"rounds", level.rounds},
                {"smoothing_voxels", level.smoothing_voxels},
                {"similarity_weight", level.similarity_weight},
+               {"map_steps", level.map_steps},
                {"optimality", level.optimality},
                {"energy_before", level.energy_before},
                {"energy_after", level.energy_after},
@@ -99,6 +100,7 @@ Json describe(const LevelSummary& level) {
     json["first_order_momenta"] = {{"let_in", level.decision == FirstOrderDecision::LetIn},
                                    {"promised_gain", level.first_order_gain},
                                    {"promised_shear", level.first_order_shear}};
+  if (level.map_error_mm > 0) json["map_error_mm"] = level.map_error_mm;
   if (level.oblique_share > 0)
     json["oriented_momenta"] = {{"elements", level.oriented_elements}, {"oblique_share", level.oblique_share}};
   return json;

@@ -143,7 +143,7 @@ void expect_a_minimum_over_all_groups(Model model, double sparsity, bool even = 
   std::vector<double> all(dense.size(), 0.0), x(sparse.size(), 0.0);
   ASSERT_LT(x.size(), all.size());
   AllBlocks<Dim, double> keeping(dense);
-  const int most = 240;  // groups take turns at zero for long
+  const int most = 400;  // groups take turns at zero for long
   const MinimiseSummary wanted = minimise<double>(keeping, iterations(most), all, go_on);
   std::vector<std::size_t> sizes;
   const MinimiseSummary found = minimise<double>(sparse, iterations(most), x, [&](const MinimiseStep&) {

@@ -6,6 +6,7 @@
 #include "core/phantom/make_phantom.h"
 #include "core/registration/register_images.h"
 #include "core/registration/scales.h"
+#include "tests/support/checkpoint_bytes.h"
 
 namespace saltus {
 namespace {
@@ -77,6 +78,7 @@ TEST(AutoModel, IsSlidingThatAsksFirst) {
   RegistrationOptions options = default_options(Model::Auto, SimilarityType::Lncc, Preset::Balanced);
   options.momenta.first_order_gain = 0;
   options.momenta.orientations = 0;
+  options.flow.map_tolerance = 0;
   const Phantom<2> phantom = make_phantom<2>(default_phantom_options(PhantomKind::Smooth));
   const Outcome asked_nothing = outcome_of(phantom, options);
   const Outcome sliding = outcome_of(phantom, default_options(Model::Sliding, SimilarityType::Lncc, Preset::Balanced));
@@ -158,6 +160,38 @@ TEST(AutoModel, DoesNotAskOfDirections) {
   RegistrationOptions options = default_options(Model::Directional, SimilarityType::Ssd, Preset::Balanced);
   options.momenta.first_order_gain = 1;
   EXPECT_THAT(problems(options), ::testing::ElementsAre(::testing::HasSubstr("first_order_gain")));
+}
+
+// A far motion needs shorter steps than none; how short is known from the level before, also to a run that is taken up
+// again.
+TEST(AutoMapSteps, FollowTheMotion) {
+  RegistrationOptions options = default_options(Model::Auto, SimilarityType::Ssd, Preset::Balanced);
+  options.flow.map_steps = 2;
+  options.flow.map_tolerance = 0.02;
+  options.optimisation.max_iterations = 20;
+  const Phantom<2> wheel = make_phantom<2>(default_phantom_options(PhantomKind::Wheel));
+  RegistrationInput<2> input;
+  input.fixed = wheel.fixed;
+  input.moving = wheel.moving;
+  std::string blob;
+  const RegistrationResult<2> whole = register_images<2>(
+      input, options, {}, {.resume = {}, .offer = [&](const Progress& now, const MakeCheckpoint& make) {
+                             if (now.level == now.levels && blob.empty()) blob = bytes_of(make);
+                           }});
+  const std::vector<LevelSummary>& levels = whole.summary.levels;
+  EXPECT_EQ(levels.front().map_steps, 1);
+  EXPECT_GT(levels.back().map_steps, 2);
+  EXPECT_LE(levels.back().map_steps, kMostMapSteps);
+  for (const LevelSummary& level : levels) EXPECT_GT(level.map_error_mm, 0) << level.level;
+  ASSERT_FALSE(blob.empty());
+  const RegistrationResult<2> resumed = register_images<2>(input, options, {}, {.resume = from(blob), .offer = {}});
+  EXPECT_EQ(resumed.summary.levels.back().map_steps, levels.back().map_steps);
+  EXPECT_EQ(resumed.displacement.samples, whole.displacement.samples);
+
+  input.moving = input.fixed;
+  const RegistrationResult<2> still = register_images<2>(input, options);
+  for (const LevelSummary& level : still.summary.levels)
+    EXPECT_EQ(level.map_steps, level.level == levels.back().level ? 2 : 1) << level.level;
 }
 
 }  // namespace

@@ -41,9 +41,9 @@ class Numbers {
   }
   void operator()(LevelSummary& summary) {
     auto& [level, grid, spacing, iterations, evaluations, rounds, optimality, smoothing, weight, before, after, why,
-           share, decision, gain, shear, elements, oblique, seconds, cpu_seconds] = summary;
+           share, decision, gain, shear, elements, map_steps, map_error, oblique, seconds, cpu_seconds] = summary;
     fill(level, grid, spacing, iterations, evaluations, rounds, optimality, smoothing, weight, before, after, why,
-         share, decision, gain, shear, elements, oblique, seconds, cpu_seconds);
+         share, decision, gain, shear, elements, map_steps, map_error, oblique, seconds, cpu_seconds);
   }
   void operator()(MinimiserState<float>& state) {
     auto& [x, gradient, preconditioned, pairs, energies, first_optimality, evaluations, looked_at, look_gap, revised_at,
@@ -72,12 +72,14 @@ void expect_same(const LevelSummary& one, const LevelSummary& other, const char*
             std::tie(other.level, other.grid, other.spacing_mm, other.iterations, other.evaluations, other.rounds,
                      other.optimality, other.smoothing_voxels))
       << what;
-  EXPECT_EQ(std::tie(one.similarity_weight, one.energy_before, one.energy_after, one.termination,
-                     one.active_block_share, one.decision, one.first_order_gain, one.first_order_shear,
-                     one.oriented_elements, one.oblique_share, one.seconds, one.cpu_seconds),
-            std::tie(other.similarity_weight, other.energy_before, other.energy_after, other.termination,
-                     other.active_block_share, other.decision, other.first_order_gain, other.first_order_shear,
-                     other.oriented_elements, other.oblique_share, other.seconds, other.cpu_seconds))
+  EXPECT_EQ(
+      std::tie(one.similarity_weight, one.energy_before, one.energy_after, one.termination, one.active_block_share,
+               one.decision, one.first_order_gain, one.first_order_shear, one.oriented_elements, one.map_steps,
+               one.map_error_mm, one.oblique_share, one.seconds, one.cpu_seconds),
+      std::tie(other.similarity_weight, other.energy_before, other.energy_after, other.termination,
+               other.active_block_share, other.decision, other.first_order_gain, other.first_order_shear,
+               other.oriented_elements, other.map_steps, other.map_error_mm, other.oblique_share, other.seconds,
+               other.cpu_seconds))
       << what;
 }
 

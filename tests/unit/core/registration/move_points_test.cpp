@@ -30,7 +30,9 @@ struct Rectangle {
     options.momenta.width_voxels = 7;
     options.momenta.scales = 2;
     options.momenta.sparsity = 0;
-    options.optimisation.max_iterations = 60;
+    // To the minimum: before it, what opens beside the interface (0.8 to 1.2) is that of the last step taken.
+    options.optimisation.max_iterations = 150;
+    options.optimisation.tolerance = 1e-4;
   }
 };
 

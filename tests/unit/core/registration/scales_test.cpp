@@ -19,7 +19,9 @@ RegistrationOptions automatic(SimilarityType similarity, Preset preset = Preset:
 TEST(ResolvedOptions, BeginAGaussianAtTwoPixelsInPlanes) {
   EXPECT_EQ(resolved(automatic(SimilarityType::Lncc), plane(1)).momenta.finest_scale, 1);
   EXPECT_EQ(resolved(automatic(SimilarityType::Ncc), plane(1)).momenta.finest_scale, 1);
-  EXPECT_EQ(resolved(automatic(SimilarityType::Ssd), plane(1)).momenta.finest_scale, 0);
+  EXPECT_EQ(
+      resolved(default_options(Model::Gaussian, SimilarityType::Ssd, Preset::Balanced), plane(1)).momenta.finest_scale,
+      0);
   RegistrationOptions asked = automatic(SimilarityType::Lncc);
   asked.momenta.finest_scale = 0;
   EXPECT_EQ(resolved(asked, plane(1)).momenta.finest_scale, 0);

@@ -138,6 +138,20 @@ TEST(Choices, TellWhetherFirstOrderMomentaWereLetInAndWhy) {
   EXPECT_THAT(line(), Contains(AllOf(named, because_of("0.25", "1.5", "nothing slides"))));
 }
 
+TEST(Choices, TellHowManyStepsTheMapTookAndWhy) {
+  ReportScene<2> scene(3);
+  const auto named = Field(&Choice::name, "level 1: steps of the map");
+  LevelSummary& level = scene.result.summary.levels[0];
+  level.map_steps = 3;
+  level.spacing_mm = 2;
+  level.map_error_mm = 0.25;
+  EXPECT_THAT(choices(scene.report), Not(Contains(named)));  // so many were asked for
+  scene.result.options.flow.map_tolerance = 0.375;
+  EXPECT_THAT(choices(scene.report),
+              Contains(AllOf(named, Field(&Choice::value, "3"),
+                             Field(&Choice::why, AllOf(HasSubstr("0.125 voxels"), HasSubstr("(asked: 0.375)"))))));
+}
+
 TEST(Choices, TellWhetherMomentaWereOrientedAndWhy) {
   ReportScene<2> scene(3);
   const auto named = Field(&Choice::name, "level 1: oriented momenta");
