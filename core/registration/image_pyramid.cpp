@@ -5,14 +5,22 @@
 #include "core/registration/finish.h"
 #include "core/registration/scales.h"
 
+#include <Eigen/LU>
 #include <algorithm>
 #include <cmath>
+#include <utility>
 
 namespace saltus {
 namespace {
 
 /// What linear interpolation may take from the noise, standard deviation in units of the scaled intensities.
 constexpr double kLostNoise = 0.0075;
+/// Standard deviations of the noise within which background stays, all but one sample in thousands.
+constexpr double kNoise = 4;
+/// Of the range of intensities: what differs by less from the background is background, however little noise there is.
+constexpr double kLeastContrast = 0.02;
+/// A region that is more of the image than this is not worth it.
+constexpr double kMostOfImage = 0.9;
 
 /// 1 where the mask shows something; empty without a mask.
 template <int Dim>
@@ -69,19 +77,70 @@ ImagePyramid<Dim>::ImagePyramid(const RegistrationInput<Dim>& input, const Regis
   const std::vector<float> fixed_weights = binary(input.fixed_mask);
   range_ = intensity_range(input.fixed.samples.size(), input.fixed.samples.data(),
                            fixed_weights.empty() ? nullptr : fixed_weights.data());
+  const std::vector<float> moving_weights = binary(input.moving_mask);
   noise_ = options.similarity_parameters.noise;
-  if (noise_ >= 0) return;
-  const double fixed_variance = noise_variance(fixed_lattice_, scaled(input.fixed, fixed_weights), fixed_weights);
-  const std::vector<float> moving_weights = binary(input.moving_mask), moving = scaled(input.moving, moving_weights);
+  if (noise_ < 0) measure_noise(fixed_weights, moving_weights);
+  if (options.pyramid.region_margin >= 0) find_region(fixed_weights, moving_weights);
+}
+
+template <int Dim>
+void ImagePyramid<Dim>::measure_noise(const std::vector<float>& fixed_weights,
+                                      const std::vector<float>& moving_weights) {
+  const double fixed_variance = noise_variance(fixed_lattice_, scaled(input_.fixed, fixed_weights), fixed_weights);
+  const std::vector<float> moving = scaled(input_.moving, moving_weights);
   // Only ssd compares intensities; for the others each image's noise is a share of its own range.
   double moving_range = 1;
-  if (options.similarity != SimilarityType::Ssd)
+  if (options_.similarity != SimilarityType::Ssd)
     moving_range =
         intensity_range(moving.size(), moving.data(), moving_weights.empty() ? nullptr : moving_weights.data()).width();
   if (!(moving_range > 0)) moving_range = 1;
   const double moving_variance =
       noise_variance(moving_lattice_, moving, moving_weights) / (moving_range * moving_range);
   noise_ = std::sqrt((fixed_variance + moving_variance) / 2);
+}
+
+template <int Dim>
+void ImagePyramid<Dim>::find_region(const std::vector<float>& fixed_weights, const std::vector<float>& moving_weights) {
+  const auto box_of = [&](const Volume<Dim>& image, const std::vector<float>& weights, const Lattice<Dim>& lattice) {
+    const float* seen = weights.empty() ? nullptr : weights.data();
+    const double range = intensity_range(image.samples.size(), image.samples.data(), seen).width();
+    return content_box(lattice, image.samples.data(), seen, std::max(kNoise * noise_, kLeastContrast) * range);
+  };
+  const IndexBox<Dim> fixed = box_of(input_.fixed, fixed_weights, fixed_lattice_),
+                      moving = box_of(input_.moving, moving_weights, moving_lattice_);
+  for (int axis = 0; axis < Dim; ++axis) {
+    region_low_[axis] = fixed.begin[axis] * fixed_lattice_.spacing[axis];
+    region_high_[axis] = (fixed.end[axis] - 1) * fixed_lattice_.spacing[axis];
+  }
+  const Matrix<Dim> to_frame = to_moving_.linear.inverse();
+  for (int corner = 0; corner < 1 << Dim; ++corner) {
+    Vector<Dim> index;
+    for (int axis = 0; axis < Dim; ++axis) index[axis] = corner >> axis & 1 ? moving.end[axis] - 1 : moving.begin[axis];
+    const Vector<Dim> point = to_frame * (index - to_moving_.offset);
+    region_low_ = region_low_.cwiseMin(point);
+    region_high_ = region_high_.cwiseMax(point);
+  }
+  const double part = static_cast<double>(
+      part_around<Dim>(fixed_lattice_, region_low_, region_high_, options_.pyramid.region_margin).sites());
+  has_region_ = part < kMostOfImage * static_cast<double>(fixed_lattice_.sites());
+}
+
+template <int Dim>
+Lattice<Dim> ImagePyramid<Dim>::lattice(int level) const {
+  const Lattice<Dim> whole = level_lattice(fixed_lattice_, level);
+  return has_region_ ? part_around<Dim>(whole, region_low_, region_high_, options_.pyramid.region_margin) : whole;
+}
+
+template <int Dim>
+std::optional<IndexBox<Dim>> ImagePyramid<Dim>::region() const {
+  if (!has_region_) return {};
+  const Lattice<Dim> part = part_around<Dim>(fixed_lattice_, region_low_, region_high_, 0);
+  IndexBox<Dim> box;
+  for (int axis = 0; axis < Dim; ++axis) {
+    box.begin[axis] = static_cast<int>(std::lround(part.offset[axis] / fixed_lattice_.spacing[axis]));
+    box.end[axis] = box.begin[axis] + part.size[axis];
+  }
+  return box;
 }
 
 /// Maps the fixed image's range to [0,1], one of width 0 to its difference from the lower end; what a mask hides is
@@ -127,24 +186,28 @@ double ImagePyramid<Dim>::smoothing_voxels(int level) const {
 
 template <int Dim>
 MatchingLevel<Dim, float> ImagePyramid<Dim>::level(int level) const {
-  return make_level(level, smoothing_voxels(level));
+  return make_level(level, lattice(level), smoothing_voxels(level));
 }
 
 template <int Dim>
 MatchingLevel<Dim, float> ImagePyramid<Dim>::full_resolution() const {
-  return make_level(0, 0);
+  return make_level(0, fixed_lattice_, 0);
 }
 
 template <int Dim>
-MatchingLevel<Dim, float> ImagePyramid<Dim>::make_level(int level, double smoothing) const {
+MatchingLevel<Dim, float> ImagePyramid<Dim>::make_level(int level, const Lattice<Dim>& part, double smoothing) const {
   MatchingLevel<Dim, float> made;
-  made.lattice = level_lattice(fixed_lattice_, level);
+  const Lattice<Dim> whole = level_lattice(fixed_lattice_, level);
+  made.lattice = part;
   const std::vector<float> fixed_weights = binary(input_.fixed_mask), moving_weights = binary(input_.moving_mask);
-  made.fixed = reduced(fixed_lattice_, scaled(input_.fixed, fixed_weights), fixed_weights, made.lattice, smoothing);
+  const auto on_part = [&](std::vector<float> samples) {
+    return part == whole ? std::move(samples) : samples_of_part(whole, samples, part);
+  };
+  made.fixed = on_part(reduced(fixed_lattice_, scaled(input_.fixed, fixed_weights), fixed_weights, whole, smoothing));
   const double reference = *std::min_element(fixed_lattice_.spacing.begin(), fixed_lattice_.spacing.end());
   const Lattice<Dim> moving = level == 0 ? moving_lattice_ : coarsened(moving_lattice_, std::ldexp(reference, level));
   made.moving = framed(scaled(input_.moving, moving_weights), moving_weights, smoothing, moving);
-  if (input_.fixed_mask) made.fixed_weights = downsampled(fixed_lattice_, fixed_weights, made.lattice);
+  if (input_.fixed_mask) made.fixed_weights = on_part(downsampled(fixed_lattice_, fixed_weights, whole));
   if (input_.moving_mask) made.moving_weights = framed(moving_weights, {}, 0, moving);
   made.similarity_weight = similarity_weight(level);
   made.divergence_weight = divergence_weight(level);

@@ -1,9 +1,11 @@
 #pragma once
 
+#include "core/grid/content.h"
 #include "core/grid/intensity_range.h"
 #include "core/registration/matching_objective.h"
 #include "core/registration/register_images.h"
 
+#include <optional>
 #include <vector>
 
 namespace saltus {
@@ -22,6 +24,12 @@ class ImagePyramid {
   /// Standard deviation of the noise, the root mean square of both images': with ssd in units of the scaled
   /// intensities, else each in units of its own range.
   double noise() const { return noise_; }
+  /// Where the images of a level are compared: with region_margin, around what either of them (the moving one after the
+  /// affine start) shows beside background within its noise, or where a mask lets it be seen; else the whole fixed
+  /// image. Momenta and flow do not end there.
+  Lattice<Dim> lattice(int level) const;
+  /// That, without the margin, in voxels of the fixed image; empty where it is the whole image.
+  std::optional<IndexBox<Dim>> region() const;
   /// Gaussian that the images of a level are smoothed with, sd in voxels of the level (at least half a voxel along axes
   /// that the level coarsens).
   double smoothing_voxels(int level) const;
@@ -37,9 +45,11 @@ class ImagePyramid {
   MatchingLevel<Dim, float> full_resolution() const;
 
  private:
+  void measure_noise(const std::vector<float>& fixed_weights, const std::vector<float>& moving_weights);
+  void find_region(const std::vector<float>& fixed_weights, const std::vector<float>& moving_weights);
   double level_noise(int level) const;
   double share_beside_noise(int level) const;
-  MatchingLevel<Dim, float> make_level(int level, double smoothing) const;
+  MatchingLevel<Dim, float> make_level(int level, const Lattice<Dim>& part, double smoothing) const;
   std::vector<float> scaled(const Volume<Dim>& image, const std::vector<float>& weights) const;
   FramedImage<Dim, float> framed(const std::vector<float>& samples, const std::vector<float>& weights, double smoothing,
                                  const Lattice<Dim>& lattice) const;
@@ -50,6 +60,8 @@ class ImagePyramid {
   AffineMap<Dim> to_moving_;
   IntensityRange range_;  ///< of the fixed image
   double noise_ = 0;
+  Vector<Dim> region_low_, region_high_;  ///< frame, mm
+  bool has_region_ = false;
 };
 
 }  // namespace saltus

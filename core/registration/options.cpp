@@ -158,7 +158,10 @@ RegistrationOptions default_options(Model model, SimilarityType similarity, Pres
       o.momenta.sparsity *= 4;
     }
   }
-  if (model == Model::Auto) o.flow.map_tolerance = preset == Preset::Fast ? 1 : preset == Preset::Balanced ? 0.4 : 0.2;
+  if (model == Model::Auto) {
+    o.pyramid.region_margin = 4;
+    o.flow.map_tolerance = preset == Preset::Fast ? 1 : preset == Preset::Balanced ? 0.4 : 0.2;
+  }
   return o;
 }
 

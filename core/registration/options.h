@@ -36,6 +36,8 @@ struct RegistrationOptions {
     int finest_level = -1;  ///< 0: the optimisation ends at full resolution, 1: at half, ...; -1: full resolution in
                             ///< 2-D, in 3-D by preset (fast 2 at most, with voxels no wider than 4 mm; balanced 1 at
                             ///< most, with voxels no wider than 3 mm; accurate 0)
+    double region_margin = -1;  ///< voxels of a level around what the images show, see ImagePyramid::lattice, where
+                                ///< they are compared; -1: everywhere
   } pyramid;
 
   struct Momenta {

@@ -221,6 +221,11 @@ const std::vector<Parameter>& parameters() {
       integer(
           "finest_level", "", -1, 4, "0: the optimisation ends at full resolution, 1: at half, ...; -1: by preset",
           [](O & o) -> auto& { return o.pyramid.finest_level; }),
+      real(
+          "region_margin", "voxels of the level", -1, Lower::Inclusive, inf,
+          "images are compared in the box where one of them shows more than background, and so much around it; -1: "
+          "everywhere",
+          [](O & o) -> auto& { return o.pyramid.region_margin; }),
       real_or_zero(
           "width_voxels", "voxels of the scale", 1, 64,
           "kernel width sigma of every scale that no sum of widths is given for; 0: 6, or with order 0 the sum of "

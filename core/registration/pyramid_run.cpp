@@ -50,6 +50,8 @@ PyramidRun<Dim>::PyramidRun(const RegistrationInput<Dim>& input, const Registrat
   options_ = resolved(asked, pyramid_.fixed_lattice(), pyramid_.noise());
   scales_ = make_scales<Dim, Scalar>(pyramid_.fixed_lattice(), options_, directions);
   summary_.noise = pyramid_.noise();
+  if (const std::optional<IndexBox<Dim>> region = pyramid_.region())
+    for (int axis = 0; axis < Dim; ++axis) summary_.region.push_back({region->begin[axis], region->end[axis]});
   // Levels on which no scale takes part yet would have nothing to optimise.
   const int finest = options_.pyramid.finest_level;
   for (int level = options_.pyramid.levels - 1; level >= finest; --level)
@@ -95,7 +97,7 @@ bool PyramidRun<Dim>::is_enough(const FirstOrderPromise& promise, int level) con
 template <int Dim>
 double PyramidRun<Dim>::planned_work(int level, bool lets_in) const {
   const std::size_t rounds = lets_in ? sparsity_rounds(options_.momenta, has_first_at(level)).size() : 1;
-  return static_cast<double>(level_lattice(pyramid_.fixed_lattice(), level).sites()) * static_cast<double>(rounds) *
+  return static_cast<double>(pyramid_.lattice(level).sites()) * static_cast<double>(rounds) *
          (std::min(usual_iterations, options_.optimisation.max_iterations) + 1);
 }
 

@@ -5,6 +5,7 @@
 #include "core/registration/options.h"
 #include "core/slip/slip_surface.h"
 
+#include <array>
 #include <string>
 #include <vector>
 
@@ -69,8 +70,10 @@ struct RegistrationSummary {
   std::vector<IterationRecord> history;              ///< all levels in order
   Termination termination = Termination::Converged;  ///< Stopped when the progress callback asked for it
   std::vector<std::string> notices;                  ///< sentences that a user should read before the result
-  double noise = 0;              ///< sd of the images' noise as used, in units of the fixed image's range
-  double similarity_before = 0;  ///< similarity at full resolution, after the affine start only
+  std::vector<std::array<int, 2>> region;  ///< [begin, end) along each axis of the fixed image, in voxels, of what was
+                                           ///< compared (and a margin around it); empty: all
+  double noise = 0;                        ///< sd of the images' noise as used, in units of the fixed image's range
+  double similarity_before = 0;            ///< similarity at full resolution, after the affine start only
   double similarity_after = 0;
   double seconds = 0;
   double cpu_seconds = 0;

@@ -85,6 +85,15 @@ std::vector<Choice> choices(const ReportInput<Dim>& input) {
                          (input.options->similarity == SimilarityType::Ssd ? "the fixed image's" : "each one's own") +
                          " range",
                      false});
+  if (!summary.region.empty()) {
+    std::string box;
+    for (const auto& [begin, end] : summary.region)
+      box += (box.empty() ? "" : ", ") + std::to_string(begin) + " to " + std::to_string(end - 1);
+    found.push_back({"region", box, "voxels",
+                     "where the images are compared, with " + values_of(input.result->options).at("region_margin") +
+                         " voxels of the level around it: beyond, both show background within their noise",
+                     false});
+  }
   for (const LevelSummary& level : summary.levels) {
     const std::string where = "level " + std::to_string(level.level) + ": ";
     if (level.smoothing_voxels > 0)

@@ -155,6 +155,7 @@ std::string report_json(const ReportInput<Dim>& input, const Analysis<Dim>& anal
   json["termination"] = to_string(summary.termination);
   json["notices"] = summary.notices;
   json["noise"] = summary.noise;
+  if (!summary.region.empty()) json["region"] = summary.region;
   json["similarity_value"] = {{"before", summary.similarity_before}, {"after", summary.similarity_after}};
   if (const auto& landmarks = analysis.landmarks) {
     json["landmark_error_mm"]["before"] = describe(summarise(landmarks->before));

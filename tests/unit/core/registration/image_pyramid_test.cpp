@@ -80,5 +80,56 @@ TEST(ImagePyramid, MeasuresTheNoiseOfItsImages) {
             0.5 * pyramid.noise());
 }
 
+/// Discs on a black ground, of the radius 12 mm, the moving one 5 mm to the right.
+RegistrationInput<2> discs() {
+  RegistrationInput<2> input;
+  ImageGrid<2> grid;
+  grid.size = {96, 80};
+  for (const auto& [image, centre] : {std::pair{&input.fixed, Vector<2>(50, 30)}, {&input.moving, Vector<2>(55, 30)}}) {
+    *image = Volume<2>(grid);
+    for (std::size_t voxel = 0; voxel < grid.voxels(); ++voxel) {
+      const Vector<2> x(static_cast<double>(voxel % 96), static_cast<double>(voxel / 96));
+      image->samples[voxel] = static_cast<float>(std::max(0.0, 1 - (x - centre).squaredNorm() / 144));
+    }
+  }
+  return input;
+}
+
+TEST(ImagePyramid, ComparesImagesWhereEitherShowsSomething) {
+  const RegistrationInput<2> input = discs();
+  RegistrationOptions options =
+      resolved(default_options(Model::Auto, SimilarityType::Ssd, Preset::Balanced), lattice_of(input.fixed.grid));
+  ASSERT_EQ(options.pyramid.region_margin, 4);
+  const ImagePyramid<2> pyramid(input, options);
+  ASSERT_TRUE(pyramid.region());
+  // The outermost 2 % of the range are background.
+  EXPECT_EQ(*pyramid.region(), (IndexBox<2>{{39, 19}, {67, 42}}));
+  const Lattice<2> finest = pyramid.lattice(0), coarse = pyramid.lattice(1);
+  EXPECT_EQ(finest, (Lattice<2>{{36, 31}, {1, 1}, {35, 15}}));
+  EXPECT_EQ(coarse.spacing, (std::array<double, 2>{2, 2}));
+  EXPECT_LE(coarse.offset[0], 39 - 4 * 2);
+  EXPECT_GE(coarse.offset[0] + 2 * (coarse.size[0] - 1), 66 + 4 * 2);
+  const MatchingLevel<2, float> level = pyramid.level(0), all = pyramid.full_resolution();
+  EXPECT_EQ(level.lattice, finest);
+  EXPECT_EQ(all.lattice, lattice_of(input.fixed.grid));
+  EXPECT_EQ(level.fixed, samples_of_part(all.lattice, all.fixed, finest));
+  EXPECT_EQ(level.moving.lattice, all.moving.lattice);
+
+  options.pyramid.region_margin = -1;
+  EXPECT_EQ(ImagePyramid<2>(input, options).lattice(0), lattice_of(input.fixed.grid));
+  EXPECT_FALSE(ImagePyramid<2>(input, options).region());
+}
+
+// The affine start says where in the fixed image the moving one lies.
+TEST(ImagePyramid, ComparesWhereTheStartBringsTheMovingImage) {
+  RegistrationInput<2> input = discs();
+  input.start = AffineMap<2>{Matrix<2>::Identity(), Vector<2>(0, -20)};  // seen from the fixed image 20 mm lower
+  const RegistrationOptions options =
+      resolved(default_options(Model::Auto, SimilarityType::Ssd, Preset::Balanced), lattice_of(input.fixed.grid));
+  const auto region = ImagePyramid<2>(input, options).region();
+  ASSERT_TRUE(region);
+  EXPECT_EQ(*region, (IndexBox<2>{{39, 19}, {67, 62}}));
+}
+
 }  // namespace
 }  // namespace saltus

@@ -138,6 +138,16 @@ TEST(Choices, TellWhetherFirstOrderMomentaWereLetInAndWhy) {
   EXPECT_THAT(line(), Contains(AllOf(named, because_of("0.25", "1.5", "nothing slides"))));
 }
 
+TEST(Choices, TellWhereTheImagesWereCompared) {
+  ReportScene<2> scene(3);
+  const auto named = Field(&Choice::name, "region");
+  EXPECT_THAT(choices(scene.report), Not(Contains(named)));  // everywhere
+  scene.result.summary.region = {{3, 17}, {0, 40}};
+  scene.result.options.pyramid.region_margin = 5;
+  EXPECT_THAT(choices(scene.report), Contains(AllOf(named, Field(&Choice::value, "3 to 16, 0 to 39"),
+                                                    Field(&Choice::why, HasSubstr("with 5 voxels")))));
+}
+
 TEST(Choices, TellHowManyStepsTheMapTookAndWhy) {
   ReportScene<2> scene(3);
   const auto named = Field(&Choice::name, "level 1: steps of the map");

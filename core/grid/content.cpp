@@ -1,0 +1,91 @@
+#include "core/grid/content.h"
+
+#include <algorithm>
+#include <cmath>
+
+namespace saltus {
+namespace {
+
+constexpr double kShareOfPlane = 1.0 / 200;
+
+template <int Dim>
+double background(const Lattice<Dim>& lattice, const float* samples, const float* weights) {
+  std::vector<float> border;
+  for (int slab = 0; slab < lattice.size[Dim - 1]; ++slab)
+    visit_slab<Dim>(lattice, slab, [&](const Index<Dim>& index, std::size_t site) {
+      bool is_border = false;
+      for (int axis = 0; axis < Dim; ++axis)
+        is_border = is_border || index[axis] == 0 || index[axis] == lattice.size[axis] - 1;
+      if (is_border && (!weights || weights[site] > 0)) border.push_back(samples[site]);
+    });
+  if (border.empty()) return 0;
+  const auto middle = border.begin() + static_cast<std::ptrdiff_t>(border.size() / 2);
+  std::nth_element(border.begin(), middle, border.end());
+  return *middle;
+}
+
+}  // namespace
+
+template <int Dim>
+IndexBox<Dim> content_box(const Lattice<Dim>& lattice, const float* samples, const float* weights, double tolerance) {
+  const double level = background(lattice, samples, weights);
+  std::array<std::vector<std::size_t>, Dim> shown;  // by axis and plane
+  for (int axis = 0; axis < Dim; ++axis) shown[axis].assign(static_cast<std::size_t>(lattice.size[axis]), 0);
+  for (int slab = 0; slab < lattice.size[Dim - 1]; ++slab)
+    visit_slab<Dim>(lattice, slab, [&](const Index<Dim>& index, std::size_t site) {
+      if ((weights && !(weights[site] > 0)) || std::abs(samples[site] - level) <= tolerance) return;
+      for (int axis = 0; axis < Dim; ++axis) ++shown[axis][static_cast<std::size_t>(index[axis])];
+    });
+  IndexBox<Dim> box;
+  for (int axis = 0; axis < Dim; ++axis) {
+    const double plane = static_cast<double>(lattice.sites()) / lattice.size[axis];
+    const auto shows = [&](std::size_t count) { return static_cast<double>(count) > kShareOfPlane * plane; };
+    const auto first = std::find_if(shown[axis].begin(), shown[axis].end(), shows);
+    const auto last = std::find_if(shown[axis].rbegin(), shown[axis].rend(), shows);
+    if (first == shown[axis].end()) return {{}, lattice.size};
+    box.begin[axis] = static_cast<int>(first - shown[axis].begin());
+    box.end[axis] = static_cast<int>(shown[axis].rend() - last);
+  }
+  return box;
+}
+
+template <int Dim>
+Lattice<Dim> part_around(const Lattice<Dim>& lattice, const Vector<Dim>& low, const Vector<Dim>& high, double margin) {
+  Lattice<Dim> part = lattice;
+  for (int axis = 0; axis < Dim; ++axis) {
+    const int last = lattice.size[axis] - 1;
+    const auto index = [&](double mm) { return (mm - lattice.offset[axis]) / lattice.spacing[axis]; };
+    const auto clamped = [&](double at) { return static_cast<int>(std::clamp(at, 0.0, static_cast<double>(last))); };
+    const int begin = clamped(std::floor(index(low[axis]) - margin)),
+              end = clamped(std::ceil(index(high[axis]) + margin));
+    part.size[axis] = end - begin + 1;
+    part.offset[axis] += begin * lattice.spacing[axis];
+  }
+  return part;
+}
+
+template <int Dim, class T>
+std::vector<T> samples_of_part(const Lattice<Dim>& whole, const std::vector<T>& samples, const Lattice<Dim>& part) {
+  Index<Dim> begin;
+  for (int axis = 0; axis < Dim; ++axis)
+    begin[axis] = static_cast<int>(std::lround((part.offset[axis] - whole.offset[axis]) / whole.spacing[axis]));
+  std::vector<T> result(part.sites());
+  for (int slab = 0; slab < part.size[Dim - 1]; ++slab)
+    visit_slab<Dim>(part, slab, [&](const Index<Dim>& index, std::size_t site) {
+      std::size_t from = 0;
+      for (int axis = Dim - 1; axis >= 0; --axis)
+        from = from * static_cast<std::size_t>(whole.size[axis]) + static_cast<std::size_t>(begin[axis] + index[axis]);
+      result[site] = samples[from];
+    });
+  return result;
+}
+
+#define SALTUS_CONTENT(DIM)                                                                               \
+  template IndexBox<DIM> content_box(const Lattice<DIM>&, const float*, const float*, double);            \
+  template Lattice<DIM> part_around(const Lattice<DIM>&, const Vector<DIM>&, const Vector<DIM>&, double); \
+  template std::vector<float> samples_of_part(const Lattice<DIM>&, const std::vector<float>&, const Lattice<DIM>&);
+SALTUS_CONTENT(2)
+SALTUS_CONTENT(3)
+#undef SALTUS_CONTENT
+
+}  // namespace saltus

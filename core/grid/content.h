@@ -1,0 +1,29 @@
+#pragma once
+
+#include "core/grid/lattice.h"
+
+namespace saltus {
+
+/// Samples [begin, end) along each axis.
+template <int Dim>
+struct IndexBox {
+  Index<Dim> begin{}, end{};
+  bool operator==(const IndexBox&) const = default;
+};
+
+/// Where an image shows something: the box beyond which each plane across an axis is background, that is, has no more
+/// than one sample in 200 that differs from it by more than `tolerance`. The background is the median of the samples on
+/// the lattice's border. Samples of weight 0 show nothing (null weights: 1 everywhere). All of the image where nothing
+/// is shown.
+template <int Dim>
+IndexBox<Dim> content_box(const Lattice<Dim>& lattice, const float* samples, const float* weights, double tolerance);
+
+/// The part of a lattice that holds the points of [low, high] (frame, mm) and `margin` samples more on every side.
+template <int Dim>
+Lattice<Dim> part_around(const Lattice<Dim>& lattice, const Vector<Dim>& low, const Vector<Dim>& high, double margin);
+
+/// The samples of `whole` that lie on `part`, one of its parts.
+template <int Dim, class T>
+std::vector<T> samples_of_part(const Lattice<Dim>& whole, const std::vector<T>& samples, const Lattice<Dim>& part);
+
+}  // namespace saltus

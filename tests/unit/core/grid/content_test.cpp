@@ -1,0 +1,91 @@
+#include "core/grid/content.h"
+
+#include <gtest/gtest.h>
+
+#include "tests/support/random_fields.h"
+
+namespace saltus {
+namespace {
+
+constexpr double kNoise = 0.05;
+
+/// Background -3 with noise, and a box that is brighter.
+template <int Dim>
+std::vector<float> image_of(const Lattice<Dim>& lattice, const IndexBox<Dim>& bright) {
+  const std::vector<double> noise = testing::random_values(lattice.sites(), 1, kNoise);
+  std::vector<float> samples(noise.begin(), noise.end());
+  for (int slab = 0; slab < lattice.size[Dim - 1]; ++slab)
+    visit_slab<Dim>(lattice, slab, [&](const Index<Dim>& index, std::size_t site) {
+      bool is_inside = true;
+      for (int axis = 0; axis < Dim; ++axis)
+        is_inside = is_inside && index[axis] >= bright.begin[axis] && index[axis] < bright.end[axis];
+      samples[site] += is_inside ? 1.0f : -3.0f;
+    });
+  return samples;
+}
+
+TEST(ContentBox, HoldsWhatStandsOutFromTheBackground) {
+  const Lattice<3> block{{30, 26, 20}, {1, 2, 3}, {}};
+  for (const IndexBox<3>& bright : {IndexBox<3>{{4, 3, 2}, {21, 25, 11}}, {{0, 7, 5}, {30, 12, 20}}}) {
+    const std::vector<float> samples = image_of(block, bright);
+    EXPECT_EQ(content_box(block, samples.data(), nullptr, 8 * kNoise), bright);
+  }
+  const Lattice<2> plane{{40, 33}, {1, 1}, {}};
+  const IndexBox<2> bright{{9, 0}, {31, 20}};
+  EXPECT_EQ(content_box(plane, image_of(plane, bright).data(), nullptr, 8 * kNoise), bright);
+}
+
+TEST(ContentBox, OverlooksSamplesOnTheirOwn) {
+  const Lattice<3> block{{30, 26, 20}, {1, 1, 1}, {}};
+  const IndexBox<3> bright{{5, 5, 5}, {20, 20, 15}};
+  std::vector<float> samples = image_of(block, bright);
+  for (std::size_t plane : {0, 17})  // one of 780 in its plane across z, of 520 and of 600 across the others
+    samples[plane * 30 * 26 + 2 * 30 + 1] = 50;
+  EXPECT_EQ(content_box(block, samples.data(), nullptr, 8 * kNoise), bright);
+  for (std::size_t x = 0; x < 8; ++x) samples[17 * 30 * 26 + 2 * 30 + x] = 50;
+  EXPECT_EQ(content_box(block, samples.data(), nullptr, 8 * kNoise), (IndexBox<3>{{5, 2, 5}, {20, 20, 18}}));
+}
+
+TEST(ContentBox, HoldsNothingThatAMaskHides) {
+  const Lattice<2> plane{{40, 30}, {1, 1}, {}};
+  std::vector<float> samples = image_of(plane, IndexBox<2>{{5, 5}, {38, 28}}), weights(plane.sites(), 1.0f);
+  for (int y = 0; y < 30; ++y)
+    for (int x = 0; x < 40; ++x)
+      if (x < 12 || y >= 20) {
+        weights[static_cast<std::size_t>(40 * y + x)] = 0;
+        samples[static_cast<std::size_t>(40 * y + x)] = std::numeric_limits<float>::quiet_NaN();
+      }
+  EXPECT_EQ(content_box(plane, samples.data(), weights.data(), 8 * kNoise), (IndexBox<2>{{12, 5}, {38, 20}}));
+}
+
+TEST(ContentBox, IsAllOfAnImageThatShowsNothing) {
+  const Lattice<2> plane{{40, 30}, {1, 1}, {}};
+  const IndexBox<2> all{{0, 0}, {40, 30}};
+  const std::vector<float> flat(plane.sites(), 7.0f), hidden(plane.sites(), 0.0f);
+  EXPECT_EQ(content_box(plane, flat.data(), nullptr, 0.1), all);
+  EXPECT_EQ(content_box(plane, flat.data(), hidden.data(), 0.1), all);
+}
+
+// Oracle: each sample of the part is the one at its place.
+TEST(PartAround, HoldsTheBoxAndItsMargin) {
+  const Lattice<3> block{{10, 12, 9}, {1, 2, 3}, {0.5, -1, 2}};
+  // x: 2.5 to 6 mm is index 2 to 5.5; y: -20 mm lies before the lattice; z: 8 mm is index 2, the end lies beyond it.
+  const Lattice<3> part = part_around<3>(block, {2.5, -20, 8}, {6, 3, 100}, 1.5);
+  EXPECT_EQ(part.size, (Index<3>{8, 5, 9}));
+  EXPECT_EQ(part.spacing, block.spacing);
+  EXPECT_EQ(part.offset, (std::array<double, 3>{0.5, -1, 2}));
+  const Lattice<3> inner = part_around<3>(block, {4.5, 5, 11}, {5.5, 9, 14}, 0);
+  EXPECT_EQ(inner.size, (Index<3>{2, 3, 2}));
+  EXPECT_EQ(inner.offset, (std::array<double, 3>{4.5, 5, 11}));
+  std::vector<float> samples(block.sites());
+  for (std::size_t i = 0; i < samples.size(); ++i) samples[i] = static_cast<float>(i);
+  const std::vector<float> taken = samples_of_part(block, samples, inner);
+  ASSERT_EQ(taken.size(), 12u);
+  for (int z = 0; z < 2; ++z)
+    for (int y = 0; y < 3; ++y)
+      for (int x = 0; x < 2; ++x)
+        EXPECT_EQ(taken[static_cast<std::size_t>(x + 2 * (y + 3 * z))], (x + 4) + 10 * ((y + 3) + 12 * (z + 3)));
+}
+
+}  // namespace
+}  // namespace saltus
