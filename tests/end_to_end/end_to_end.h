@@ -64,7 +64,9 @@ class EndToEnd : public testing::Test {
     return {"--model", "sliding",         "--set", "coarsening=0",
             "--set",   "tolerance=0",     "--set", "time_steps=64",
             "--set",   "levels=1",        "--set", "optimality_tolerance=0",
-            "--set",   "width_voxels=64", "--set", "max_iterations=10000"};
+            "--set",   "width_voxels=64", "--set", "max_iterations=10000",
+            "--set",   "map_steps=16",    "--set", "reweighted_rounds=10",
+            "--set",   "sparsity_path=12"};
   }
 
   // Oracle: the scene was moved by (shift, 0) mm.
