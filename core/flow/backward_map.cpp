@@ -66,17 +66,18 @@ Field<T> backward_map(const Lattice<Dim>& points, const Lattice<Dim>& lattice,
 
 template <int Dim, class T>
 double map_error(const Lattice<Dim>& lattice, const std::vector<Field<T>>& velocities) {
-  std::vector<Field<T>> halved;
-  for (std::size_t k = 0; k < velocities.size(); ++k) {
-    if (k > 0) {
-      Field<T>& between = halved.emplace_back(velocities[k].size());
+  const int steps = static_cast<int>(velocities.size()) - 1;
+  const Field<T> coarse = backward_map<Dim, T>(lattice, lattice, velocities);
+  Field<T> fine(coarse.size()), between(coarse.size());
+  const T half_step = -T(1) / static_cast<T>(2 * steps);
+  for (int k = steps - 1; k >= 0; --k) {
+    const auto at = static_cast<std::size_t>(k);
 #pragma omp parallel for simd schedule(static)
-      for (std::size_t i = 0; i < between.size(); ++i) between[i] = (velocities[k - 1][i] + velocities[k][i]) / 2;
-    }
-    halved.push_back(velocities[k]);
+    for (std::size_t i = 0; i < between.size(); ++i) between[i] = (velocities[at][i] + velocities[at + 1][i]) / 2;
+    advance_heun<Dim, T>(lattice, k + 1 < steps ? fine.data() : nullptr, lattice, velocities[at + 1].data(),
+                         between.data(), half_step, fine.data());
+    advance_heun<Dim, T>(lattice, fine.data(), lattice, between.data(), velocities[at].data(), half_step, fine.data());
   }
-  const Field<T> coarse = backward_map<Dim, T>(lattice, lattice, velocities),
-                 fine = backward_map<Dim, T>(lattice, lattice, halved);
   std::vector<T> squares(lattice.sites());
 #pragma omp parallel for schedule(static)
   for (std::size_t site = 0; site < squares.size(); ++site) {

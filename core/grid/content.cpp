@@ -2,12 +2,14 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 
 namespace saltus {
 namespace {
 
-constexpr double kShareOfPlane = 1.0 / 200;
+constexpr double kShareOfPlane = 1.0 / 1000;
 
+/// Not a number where the border is hidden.
 template <int Dim>
 double background(const Lattice<Dim>& lattice, const float* samples, const float* weights) {
   std::vector<float> border;
@@ -18,33 +20,42 @@ double background(const Lattice<Dim>& lattice, const float* samples, const float
         is_border = is_border || index[axis] == 0 || index[axis] == lattice.size[axis] - 1;
       if (is_border && (!weights || weights[site] > 0)) border.push_back(samples[site]);
     });
-  if (border.empty()) return 0;
+  if (border.empty()) return std::numeric_limits<double>::quiet_NaN();
   const auto middle = border.begin() + static_cast<std::ptrdiff_t>(border.size() / 2);
   std::nth_element(border.begin(), middle, border.end());
   return *middle;
 }
+
+struct PlaneCount {
+  std::size_t seen = 0, shown = 0;
+  bool shows() const { return static_cast<double>(shown) > kShareOfPlane * static_cast<double>(seen); }
+};
 
 }  // namespace
 
 template <int Dim>
 IndexBox<Dim> content_box(const Lattice<Dim>& lattice, const float* samples, const float* weights, double tolerance) {
   const double level = background(lattice, samples, weights);
-  std::array<std::vector<std::size_t>, Dim> shown;  // by axis and plane
-  for (int axis = 0; axis < Dim; ++axis) shown[axis].assign(static_cast<std::size_t>(lattice.size[axis]), 0);
+  std::array<std::vector<PlaneCount>, Dim> planes;
+  for (int axis = 0; axis < Dim; ++axis) planes[axis].resize(static_cast<std::size_t>(lattice.size[axis]));
   for (int slab = 0; slab < lattice.size[Dim - 1]; ++slab)
     visit_slab<Dim>(lattice, slab, [&](const Index<Dim>& index, std::size_t site) {
-      if ((weights && !(weights[site] > 0)) || std::abs(samples[site] - level) <= tolerance) return;
-      for (int axis = 0; axis < Dim; ++axis) ++shown[axis][static_cast<std::size_t>(index[axis])];
+      if (weights && !(weights[site] > 0)) return;
+      const bool is_background = std::abs(samples[site] - level) <= tolerance;  // never without a background
+      for (int axis = 0; axis < Dim; ++axis) {
+        PlaneCount& plane = planes[axis][static_cast<std::size_t>(index[axis])];
+        ++plane.seen;
+        plane.shown += !is_background;
+      }
     });
   IndexBox<Dim> box;
   for (int axis = 0; axis < Dim; ++axis) {
-    const double plane = static_cast<double>(lattice.sites()) / lattice.size[axis];
-    const auto shows = [&](std::size_t count) { return static_cast<double>(count) > kShareOfPlane * plane; };
-    const auto first = std::find_if(shown[axis].begin(), shown[axis].end(), shows);
-    const auto last = std::find_if(shown[axis].rbegin(), shown[axis].rend(), shows);
-    if (first == shown[axis].end()) return {{}, lattice.size};
-    box.begin[axis] = static_cast<int>(first - shown[axis].begin());
-    box.end[axis] = static_cast<int>(shown[axis].rend() - last);
+    const auto shows = [](const PlaneCount& plane) { return plane.shows(); };
+    const auto first = std::find_if(planes[axis].begin(), planes[axis].end(), shows);
+    const auto last = std::find_if(planes[axis].rbegin(), planes[axis].rend(), shows);
+    if (first == planes[axis].end()) return {{}, lattice.size};
+    box.begin[axis] = static_cast<int>(first - planes[axis].begin());
+    box.end[axis] = static_cast<int>(planes[axis].rend() - last);
   }
   return box;
 }
@@ -56,8 +67,9 @@ Lattice<Dim> part_around(const Lattice<Dim>& lattice, const Vector<Dim>& low, co
     const int last = lattice.size[axis] - 1;
     const auto index = [&](double mm) { return (mm - lattice.offset[axis]) / lattice.spacing[axis]; };
     const auto clamped = [&](double at) { return static_cast<int>(std::clamp(at, 0.0, static_cast<double>(last))); };
-    const int begin = clamped(std::floor(index(low[axis]) - margin)),
-              end = clamped(std::ceil(index(high[axis]) + margin));
+    constexpr double rounding = 1e-6;  // of a sample: mm and back
+    const int begin = clamped(std::floor(index(low[axis]) - margin + rounding)),
+              end = clamped(std::ceil(index(high[axis]) + margin - rounding));
     part.size[axis] = end - begin + 1;
     part.offset[axis] += begin * lattice.spacing[axis];
   }

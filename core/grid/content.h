@@ -11,10 +11,10 @@ struct IndexBox {
   bool operator==(const IndexBox&) const = default;
 };
 
-/// Where an image shows something: the box beyond which each plane across an axis is background, that is, has no more
-/// than one sample in 200 that differs from it by more than `tolerance`. The background is the median of the samples on
-/// the lattice's border. Samples of weight 0 show nothing (null weights: 1 everywhere). All of the image where nothing
-/// is shown.
+/// Where an image shows something: the box beyond which each plane across an axis is background, that is, of its
+/// samples no more than one in 1000 differs from it by more than `tolerance`. The background is the median of the
+/// samples on the lattice's border. Samples of weight 0 are not there (null weights: 1 everywhere); where all of the
+/// border is not, there is no background. All of the image where nothing is shown.
 template <int Dim>
 IndexBox<Dim> content_box(const Lattice<Dim>& lattice, const float* samples, const float* weights, double tolerance);
 

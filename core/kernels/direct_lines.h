@@ -33,10 +33,10 @@ template <int Blocks, int Registers, int Apart, class T>
   if (adds)
     unrolled<Blocks>(
         [&](auto b) { unrolled<Registers>([&](auto v) { sum[b][v] = load(out + b * out_step + v * lanes); }); });
-  const T* values = first + last * step;
   // Block b takes tap k - (Blocks - 1 - b) * Apart of the values at hand, so the last block begins and ends first.
   const auto take = [&](int from, int to, auto low, auto high) {
-    for (int k = from; k < to; ++k, values -= step) {
+    for (int k = from; k < to; ++k) {
+      const T* values = first + static_cast<std::ptrdiff_t>(last - k) * static_cast<std::ptrdiff_t>(step);
       Register<T> at_hand[Registers];
       unrolled<Registers>([&](auto v) { at_hand[v] = load(values + v * lanes); });
       unrolled<high - low>([&](auto i) {

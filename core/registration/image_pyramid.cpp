@@ -16,7 +16,7 @@ namespace {
 /// What linear interpolation may take from the noise, standard deviation in units of the scaled intensities.
 constexpr double kLostNoise = 0.0075;
 /// Standard deviations of the noise within which background stays, all but one sample in thousands.
-constexpr double kNoise = 4;
+constexpr double kNoise = 5;
 /// Of the range of intensities: what differs by less from the background is background, however little noise there is.
 constexpr double kLeastContrast = 0.02;
 /// A region that is more of the image than this is not worth it.

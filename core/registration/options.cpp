@@ -159,7 +159,8 @@ RegistrationOptions default_options(Model model, SimilarityType similarity, Pres
     }
   }
   if (model == Model::Auto) {
-    o.pyramid.region_margin = 4;
+    // Of ncc and mi, which are statistics of all that is compared, it would change the weight.
+    if (similarity != SimilarityType::Ncc && similarity != SimilarityType::Mi) o.pyramid.region_margin = 4;
     o.flow.map_tolerance = preset == Preset::Fast ? 1 : preset == Preset::Balanced ? 0.4 : 0.2;
   }
   return o;

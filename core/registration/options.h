@@ -20,11 +20,11 @@ struct KernelWidth {
   double weight = 1;
 };
 
-/// Everything that can be chosen about a registration. Defaults depend on model, similarity and preset and are
-/// made in one place, default_options. All expert parameters have a name for set_parameter.
-/// That map_tolerance asks for.
+/// Map steps that map_tolerance asks for.
 constexpr int kMostMapSteps = 4;
 
+/// Everything that can be chosen about a registration. Defaults depend on model, similarity and preset and are
+/// made in one place, default_options. All expert parameters have a name for set_parameter.
 struct RegistrationOptions {
   Model model = Model::Auto;
   SimilarityType similarity = SimilarityType::Lncc;
@@ -64,7 +64,8 @@ struct RegistrationOptions {
     /// Order 1 takes part only if it promises so much when order 0 has settled, see FirstOrderPromise. Gain 0: always;
     /// -1, either: what was measured for the similarity and the dimension (core/README.md, "Only where it slides").
     double first_order_gain = 0, first_order_shear = -1;
-    /// The same on the finest level; -1: as given for all levels, or what was measured where that is -1, too.
+    /// The same on the finest level, where first_order_gain is not 0; -1: as given for all levels, or what was measured
+    /// where that is -1, too.
     double first_order_finest_gain = -1, first_order_finest_shear = -1;
     int orientations = 0;            ///< normals that oriented momenta are turned from; 0: there are none of these; -1:
                                      ///< 8 in 2-D and 9 in 3-D, none where there can be none

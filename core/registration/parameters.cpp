@@ -371,7 +371,8 @@ const std::vector<Parameter>& parameters() {
           "ncc_floor", "intensity range", 0, Lower::Exclusive, 1, "standard deviation below which an image is flat",
           [](O & o) -> auto& { return o.similarity_parameters.ncc_floor; }),
       real(
-          "lncc_radius_voxels", "voxels of the level", 0, Lower::Exclusive, 64, "half width of the window of lncc",
+          "lncc_radius_voxels", "voxels of the level", 0, Lower::Exclusive, 16,
+          "half width of the window of lncc, which takes time in proportion to it",
           [](O & o) -> auto& { return o.similarity_parameters.lncc_radius_voxels; }),
       real(
           "lncc_floor", "intensity range", 0, Lower::Exclusive, 1, "standard deviation below which a window is flat",
@@ -438,6 +439,10 @@ std::vector<std::string> problems(const RegistrationOptions& options) {
   if (options.momenta.first_order_gain != 0 && options.model == Model::Directional)
     found.push_back("parameter first_order_gain is " + std::to_string(options.momenta.first_order_gain) +
                     " and the model is directional, whose first orders always take part; it must be 0");
+  if (options.momenta.first_order_gain == 0 && options.momenta.first_order_finest_gain > 0)
+    found.push_back("parameter first_order_finest_gain is " + std::to_string(options.momenta.first_order_finest_gain) +
+                    " and first_order_gain is 0, with which first orders always take part; set that above 0, or leave "
+                    "this at -1");
   if (options.momenta.orientations > 0) {
     const std::string given = "parameter orientations is " + std::to_string(options.momenta.orientations);
     if (options.momenta.first_order_scales == 0 || options.model == Model::Directional)

@@ -301,9 +301,9 @@ void PyramidRun<Dim>::end_level() {
   reached_.active_elements = objective_->working_set().active_elements();
   level_.active_block_share = objective_->working_set().active_block_share();
   level_.oblique_share = objective_->working_set().oblique_share();
-  if (options_.flow.map_tolerance > 0) choose_map_steps();
   for (const auto& elements : reached_.active_elements) level_.oriented_elements += static_cast<int>(elements.size());
-  objective_->on_work({});
+  objective_->on_work({});  // who wanted to stop is not asked again
+  if (options_.flow.map_tolerance > 0 && level_.termination != Termination::Stopped) choose_map_steps();
   meter_.end(step_);
   count_level_time(level_);
   summary_.termination = level_.termination;
@@ -321,8 +321,8 @@ void PyramidRun<Dim>::choose_map_steps() {
   // Of second order, as if all steps were the map's.
   const double needed = level_.map_steps * std::sqrt(level_.map_error_mm / (options_.flow.map_tolerance * voxel));
   // What the finest level adds to the motion is narrow, and where steps are few noise is worth more to first orders.
-  const double least = step_ + 2 == levels_.size() ? options_.flow.map_steps : 1;
-  map_steps_ = static_cast<int>(std::clamp(std::ceil(needed), least, std::max(least, double(kMostMapSteps))));
+  const int least = step_ + 2 == levels_.size() ? options_.flow.map_steps : 1;
+  map_steps_ = std::max(least, needed <= kMostMapSteps ? static_cast<int>(std::ceil(needed)) : kMostMapSteps);
 }
 
 template <int Dim>

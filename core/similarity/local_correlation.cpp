@@ -300,8 +300,9 @@ class LocalCorrelation final : public Similarity<Dim, T> {
     const T *s_f = sums, *s_w = quantity(sums, 1), *s_ff = quantity(sums, 2), *s_ww = quantity(sums, 3),
             *s_fw = quantity(sums, 4), *s_1 = Sums == 6 ? quantity(sums, 5) : nullptr;
     const T *weights = Sums == 6 ? weights_from(scene, first) : nullptr, *inverse_widths = inverse_widths_.data();
-    T *k_f = to, *k_w = to + stride_, *k_1 = to + 2 * stride_, *k_ff = to + 3 * stride_, *m_f = to + 4 * stride_,
-      *m_1 = to + 5 * stride_;
+    T *k_f = to, *k_w = to + stride_, *k_1 = to + 2 * stride_;
+    T *k_ff = Coefficients == 6 ? to + 3 * stride_ : nullptr, *m_f = Coefficients == 6 ? to + 4 * stride_ : nullptr,
+      *m_1 = Coefficients == 6 ? to + 5 * stride_ : nullptr;
     T* weight_gradient = Coefficients == 6 && is_own ? scene.weight_gradient + first : nullptr;
     double energy = 0;
 #pragma omp simd reduction(+ : energy)
@@ -349,8 +350,9 @@ class LocalCorrelation final : public Similarity<Dim, T> {
         gradient[x] = (warped[x] - middle_w) * s[stride_ + x] + s[2 * stride_ + x] - (fixed[x] - middle_f) * s[x];
       return;
     }
-    const T *weights = weights_from(scene, first), *k_f = s, *k_w = s + stride_, *k_1 = s + 2 * stride_,
-            *k_ff = s + 3 * stride_, *m_f = s + 4 * stride_, *m_1 = s + 5 * stride_;
+    const T *weights = weights_from(scene, first), *k_f = s, *k_w = s + stride_, *k_1 = s + 2 * stride_;
+    const T *k_ff = Coefficients == 6 ? s + 3 * stride_ : nullptr, *m_f = Coefficients == 6 ? s + 4 * stride_ : nullptr,
+            *m_1 = Coefficients == 6 ? s + 5 * stride_ : nullptr;
     T* weight_gradient = Coefficients == 6 ? scene.weight_gradient + first : nullptr;
 #pragma omp simd
     for (std::size_t x = 0; x < width; ++x) {

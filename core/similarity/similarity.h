@@ -38,7 +38,7 @@ std::unique_ptr<Similarity<Dim, T>> make_global_correlation(const Lattice<Dim>& 
 
 /// Integral of 1 - c with the un-squared local correlation c = cov / sqrt((var_f + floor^2) (var_w + floor^2)) over box
 /// windows of half width `radius_mm` (at least one sample on each axis that has more than one). In [0, 2] per mm^Dim.
-/// The floor, in intensity units, keeps flat windows at c = 0 with a finite gradient. Cost does not depend on the
+/// The floor, in intensity units, keeps flat windows at c = 0 with a finite gradient. Cost grows with the
 /// radius. A window whose weights sum to less than 1e-6 sees nothing: c = 0 there.
 template <int Dim, class T>
 std::unique_ptr<Similarity<Dim, T>> make_local_correlation(const Lattice<Dim>& lattice, double radius_mm, double floor);

@@ -27,6 +27,7 @@ std::string script(const BatchSettings& settings, const BatchRequest& request) {
   add("--tls-key", settings.tls.key);
   if (!settings.shared_data.empty()) add("--blobs", settings.shared_data + "/blobs/sha256");
   words.insert(words.end(), request.worker_arguments.begin(), request.worker_arguments.end());
+  // Slurm gives a task cores of its own: threads may wait awake.
   std::string text =
       "#!/bin/sh\n"
       "export PATH=/usr/local/bin:/usr/bin:/bin\n"

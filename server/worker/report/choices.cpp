@@ -52,6 +52,9 @@ std::string measured_from(const std::string& name, const ReportInput<Dim>& input
            ", from the model and the similarity";
   }
   if (name == "kernel_widths") return "from the model, the similarity and the noise on the finest level";
+  if (name.starts_with("first_order_gain") || name.starts_with("first_order_shear") ||
+      name.starts_with("first_order_finest_gain") || name.starts_with("first_order_finest_shear"))
+    return "from the similarity and the dimension, for which it was measured";
   if (name == "sparsity") return "from the noise on the finest level (sparsity_noise)";
   return "from the levels";
 }
@@ -89,10 +92,13 @@ std::vector<Choice> choices(const ReportInput<Dim>& input) {
     std::string box;
     for (const auto& [begin, end] : summary.region)
       box += (box.empty() ? "" : ", ") + std::to_string(begin) + " to " + std::to_string(end - 1);
-    found.push_back({"region", box, "voxels",
-                     "where the images are compared, with " + values_of(input.result->options).at("region_margin") +
-                         " voxels of the level around it: beyond, both show background within their noise",
-                     false});
+    found.push_back(
+        {"region", box, "voxels",
+         "along the axes of the fixed image, from 0: in this box and " +
+             values_of(input.result->options).at("region_margin") +
+             " voxels of the level around it the images are compared; beyond it both are hidden by masks or no "
+             "more than background and noise",
+         false});
   }
   for (const LevelSummary& level : summary.levels) {
     const std::string where = "level " + std::to_string(level.level) + ": ";
@@ -104,19 +110,22 @@ std::vector<Choice> choices(const ReportInput<Dim>& input) {
                        "as the noise at this level allows", false});
   }
   const RegistrationOptions::Flow& flow = input.result->options.flow;
-  for (const LevelSummary& level : summary.levels)
-    if (flow.map_tolerance > 0)
-      found.push_back(
-          {"level " + std::to_string(level.level) + ": steps of the map", std::to_string(level.map_steps), "",
-           "by the motion found before; 99.9 % of the sites were then followed to within " +
-               number(level.map_error_mm / level.spacing_mm) + " voxels (asked: " + number(flow.map_tolerance) + ")",
-           false});
+  for (const LevelSummary& level : summary.levels) {
+    if (!(flow.map_tolerance > 0)) break;
+    const bool is_finest = &level == &summary.levels.back();
+    std::string why = level.level == 1 ? "nothing was known of the motion" : "by the motion found before";
+    if (is_finest && level.map_steps == flow.map_steps) why += "; on the finest level at least map_steps";
+    if (level.map_steps == kMostMapSteps) why += "; at most " + std::to_string(kMostMapSteps);
+    why += "; at the end 99.9 % of the sites are followed to within " + number(level.map_error_mm / level.spacing_mm) +
+           " voxels (asked: " + number(flow.map_tolerance) + ")";
+    found.push_back({"level " + std::to_string(level.level) + ": steps of the map", std::to_string(level.map_steps), "",
+                     why, false});
+  }
   for (const LevelSummary& level : summary.levels) {
     if (level.decision == FirstOrderDecision::None) continue;
     const RegistrationOptions::Momenta& asked = input.result->options.momenta;
     const bool is_in = level.decision == FirstOrderDecision::LetIn;
-    const RegistrationOptions::Pyramid& pyramid = input.result->options.pyramid;
-    const bool is_finest = level.level == pyramid.levels - pyramid.finest_level;
+    const bool is_finest = &level == &summary.levels.back();
     const double asked_gain = is_finest ? asked.first_order_finest_gain : asked.first_order_gain;
     const double asked_shear = is_finest ? asked.first_order_finest_shear : asked.first_order_shear;
     found.push_back(

@@ -2,6 +2,9 @@
 
 #include <gtest/gtest.h>
 
+#include <cmath>
+#include <limits>
+
 #include "tests/support/random_fields.h"
 
 namespace saltus {
@@ -36,14 +39,14 @@ TEST(ContentBox, HoldsWhatStandsOutFromTheBackground) {
 }
 
 TEST(ContentBox, OverlooksSamplesOnTheirOwn) {
-  const Lattice<3> block{{30, 26, 20}, {1, 1, 1}, {}};
-  const IndexBox<3> bright{{5, 5, 5}, {20, 20, 15}};
+  const Lattice<3> block{{60, 50, 40}, {1, 1, 1}, {}};
+  const IndexBox<3> bright{{9, 9, 9}, {40, 30, 25}};
   std::vector<float> samples = image_of(block, bright);
-  for (std::size_t plane : {0, 17})  // one of 780 in its plane across z, of 520 and of 600 across the others
-    samples[plane * 30 * 26 + 2 * 30 + 1] = 50;
+  // One of 3000 in its plane across z, of 2400 and of 2000 across the others.
+  samples[2 * 60 + 1] = samples[35 * 60 * 50 + 45 * 60 + 55] = 50;
   EXPECT_EQ(content_box(block, samples.data(), nullptr, 8 * kNoise), bright);
-  for (std::size_t x = 0; x < 8; ++x) samples[17 * 30 * 26 + 2 * 30 + x] = 50;
-  EXPECT_EQ(content_box(block, samples.data(), nullptr, 8 * kNoise), (IndexBox<3>{{5, 2, 5}, {20, 20, 18}}));
+  for (std::size_t x = 0; x < 8; ++x) samples[35 * 60 * 50 + 4 * 60 + x] = 50;  // two more are enough across x
+  EXPECT_EQ(content_box(block, samples.data(), nullptr, 8 * kNoise), (IndexBox<3>{{9, 4, 9}, {40, 30, 36}}));
 }
 
 TEST(ContentBox, HoldsNothingThatAMaskHides) {
@@ -56,6 +59,17 @@ TEST(ContentBox, HoldsNothingThatAMaskHides) {
         samples[static_cast<std::size_t>(40 * y + x)] = std::numeric_limits<float>::quiet_NaN();
       }
   EXPECT_EQ(content_box(plane, samples.data(), weights.data(), 8 * kNoise), (IndexBox<2>{{12, 5}, {38, 20}}));
+}
+
+// Planes are judged by what is seen of them, and nothing is background that no border shows.
+TEST(ContentBox, IsAllThatAMaskWithinTheImageShows) {
+  const Lattice<2> plane{{400, 300}, {1, 1}, {}};
+  const std::vector<float> samples = image_of(plane, IndexBox<2>{{0, 0}, {200, 300}});
+  std::vector<float> weights(plane.sites(), 0.0f);
+  for (int y = 0; y < 300; ++y)
+    for (int x = 0; x < 400; ++x)
+      if (std::hypot(x - 210.0, y - 100.0) <= 30) weights[static_cast<std::size_t>(400 * y + x)] = 1;
+  EXPECT_EQ(content_box(plane, samples.data(), weights.data(), 8 * kNoise), (IndexBox<2>{{180, 70}, {241, 131}}));
 }
 
 TEST(ContentBox, IsAllOfAnImageThatShowsNothing) {

@@ -173,25 +173,45 @@ TEST(AutoMapSteps, FollowTheMotion) {
   RegistrationInput<2> input;
   input.fixed = wheel.fixed;
   input.moving = wheel.moving;
-  std::string blob;
+  std::string first, last;
   const RegistrationResult<2> whole = register_images<2>(
       input, options, {}, {.resume = {}, .offer = [&](const Progress& now, const MakeCheckpoint& make) {
-                             if (now.level == now.levels && blob.empty()) blob = bytes_of(make);
+                             if (now.level == 1) first = bytes_of(make);
+                             if (now.level == now.levels && last.empty()) last = bytes_of(make);
                            }});
   const std::vector<LevelSummary>& levels = whole.summary.levels;
   EXPECT_EQ(levels.front().map_steps, 1);
   EXPECT_GT(levels.back().map_steps, 2);
   EXPECT_LE(levels.back().map_steps, kMostMapSteps);
   for (const LevelSummary& level : levels) EXPECT_GT(level.map_error_mm, 0) << level.level;
-  ASSERT_FALSE(blob.empty());
-  const RegistrationResult<2> resumed = register_images<2>(input, options, {}, {.resume = from(blob), .offer = {}});
-  EXPECT_EQ(resumed.summary.levels.back().map_steps, levels.back().map_steps);
-  EXPECT_EQ(resumed.displacement.samples, whole.displacement.samples);
+  for (const std::string& blob : {first, last}) {
+    ASSERT_FALSE(blob.empty());
+    const RegistrationResult<2> resumed = register_images<2>(input, options, {}, {.resume = from(blob), .offer = {}});
+    EXPECT_EQ(resumed.summary.levels.back().map_steps, levels.back().map_steps);
+    EXPECT_EQ(resumed.displacement.samples, whole.displacement.samples);
+  }
 
   input.moving = input.fixed;
   const RegistrationResult<2> still = register_images<2>(input, options);
   for (const LevelSummary& level : still.summary.levels)
     EXPECT_EQ(level.map_steps, level.level == levels.back().level ? 2 : 1) << level.level;
+}
+
+// Whoever says stop is not asked again, wherever the run is.
+TEST(AutoModel, StopsWhereverItIsTold) {
+  const Phantom<2> slip = make_phantom<2>(default_phantom_options(PhantomKind::Slip));
+  RegistrationInput<2> input;
+  input.fixed = slip.fixed;
+  input.moving = slip.moving;
+  const RegistrationOptions options = default_options(Model::Auto, SimilarityType::Ssd, Preset::Balanced);
+  for (int last : {1, 7, 60, 200, 400}) {
+    int calls = 0;
+    const RegistrationResult<2> found = register_images<2>(input, options, [&](const Progress&) {
+      return ++calls < last ? ProgressAnswer::Continue : ProgressAnswer::Stop;
+    });
+    EXPECT_EQ(found.summary.termination, Termination::Stopped) << last;
+    EXPECT_EQ(calls, last);
+  }
 }
 
 }  // namespace

@@ -113,6 +113,7 @@ TEST(Choices, TellWhetherFirstOrderMomentaWereLetInAndWhy) {
   const auto line = [&scene] { return choices(scene.report); };
   const auto named = Field(&Choice::name, "level 1: first-order momenta");
   EXPECT_THAT(line(), Not(Contains(named)));  // nobody asked
+  scene.result.summary.levels.resize(2);
   LevelSummary& level = scene.result.summary.levels[0];
   level.first_order_gain = 0.375;
   level.first_order_shear = 1.75;
@@ -121,7 +122,6 @@ TEST(Choices, TellWhetherFirstOrderMomentaWereLetInAndWhy) {
   asked.momenta.first_order_shear = 1.25;
   asked.momenta.first_order_finest_gain = 0.25;
   asked.momenta.first_order_finest_shear = 1.5;
-  asked.pyramid = {.levels = 2, .finest_level = 0};
   const auto because_of = [](const char* gain, const char* shear, const char* end) {
     return Field(
         &Choice::why,
@@ -134,7 +134,7 @@ TEST(Choices, TellWhetherFirstOrderMomentaWereLetInAndWhy) {
   EXPECT_THAT(line(), Contains(AllOf(named, Field(&Choice::value, "let in"), because("something slides"))));
   level.decision = FirstOrderDecision::LeftOut;
   EXPECT_THAT(line(), Contains(AllOf(named, Field(&Choice::value, "left out"), because("nothing slides"))));
-  asked.pyramid.levels = 1;  // this one is the finest
+  scene.result.summary.levels.resize(1);  // this one is the finest
   EXPECT_THAT(line(), Contains(AllOf(named, because_of("0.25", "1.5", "nothing slides"))));
 }
 
@@ -145,7 +145,7 @@ TEST(Choices, TellWhereTheImagesWereCompared) {
   scene.result.summary.region = {{3, 17}, {0, 40}};
   scene.result.options.pyramid.region_margin = 5;
   EXPECT_THAT(choices(scene.report), Contains(AllOf(named, Field(&Choice::value, "3 to 16, 0 to 39"),
-                                                    Field(&Choice::why, HasSubstr("with 5 voxels")))));
+                                                    Field(&Choice::why, HasSubstr("in this box and 5 voxels")))));
 }
 
 TEST(Choices, TellHowManyStepsTheMapTookAndWhy) {
@@ -155,11 +155,18 @@ TEST(Choices, TellHowManyStepsTheMapTookAndWhy) {
   level.map_steps = 3;
   level.spacing_mm = 2;
   level.map_error_mm = 0.25;
+  scene.result.options.flow.map_tolerance = 0;
   EXPECT_THAT(choices(scene.report), Not(Contains(named)));  // so many were asked for
   scene.result.options.flow.map_tolerance = 0.375;
   EXPECT_THAT(choices(scene.report),
               Contains(AllOf(named, Field(&Choice::value, "3"),
-                             Field(&Choice::why, AllOf(HasSubstr("0.125 voxels"), HasSubstr("(asked: 0.375)"))))));
+                             Field(&Choice::why, AllOf(HasSubstr("nothing was known"), HasSubstr("0.125 voxels"),
+                                                       HasSubstr("(asked: 0.375)"))))));
+  level.level = 2;
+  level.map_steps = kMostMapSteps;
+  EXPECT_THAT(choices(scene.report),
+              Contains(AllOf(Field(&Choice::name, "level 2: steps of the map"),
+                             Field(&Choice::why, AllOf(HasSubstr("motion found before"), HasSubstr("at most 4"))))));
 }
 
 TEST(Choices, TellWhetherMomentaWereOrientedAndWhy) {
