@@ -17,6 +17,8 @@ namespace {
 constexpr double kLostNoise = 0.0075;
 /// Standard deviations of the noise within which background stays, all but one sample in thousands.
 constexpr double kNoise = 5;
+/// Of the range: where so much is noise, what an image shows cannot be told from background.
+constexpr double kMostNoise = 0.25;
 /// Of the range of intensities: what differs by less from the background is background, however little noise there is.
 constexpr double kLeastContrast = 0.02;
 /// A region that is more of the image than this is not worth it.
@@ -101,6 +103,7 @@ void ImagePyramid<Dim>::measure_noise(const std::vector<float>& fixed_weights,
 
 template <int Dim>
 void ImagePyramid<Dim>::find_region(const std::vector<float>& fixed_weights, const std::vector<float>& moving_weights) {
+  if (kNoise * noise_ > kMostNoise) return;
   const auto box_of = [&](const Volume<Dim>& image, const std::vector<float>& weights, const Lattice<Dim>& lattice) {
     const float* seen = weights.empty() ? nullptr : weights.data();
     const double range = intensity_range(image.samples.size(), image.samples.data(), seen).width();

@@ -80,7 +80,8 @@ struct RegistrationOptions {
     int time_steps = 4;
     int map_steps = 1;  ///< steps of the map in each time step, see flow/geodesic_shooting.h
     /// Voxels of a level. Above 0 each level takes as many map steps, up to kMostMapSteps, as keep 99.9 % of its sites
-    /// from being followed more wrongly than this by the motion found before it; the finest no fewer than map_steps.
+    /// from being followed more wrongly than this by the motion found before it; the coarsest map_steps, the finest no
+    /// fewer.
     double map_tolerance = 0;
     int coarsening = 0;  ///< order 0 (beside which no order 1 shares its scale), and the flow as long as it is
                          ///< alone, are sampled 2^n times coarser than the images of the level

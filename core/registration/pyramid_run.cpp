@@ -58,7 +58,7 @@ PyramidRun<Dim>::PyramidRun(const RegistrationInput<Dim>& input, const Registrat
     if (level == finest || std::any_of(scales_.begin(), scales_.end(), [&](const auto& s) { return s.level >= level; }))
       levels_.push_back(level);
   if (is_blank_) levels_ = {finest};
-  map_steps_ = options_.flow.map_tolerance > 0 && levels_.size() > 1 ? 1 : options_.flow.map_steps;
+  map_steps_ = options_.flow.map_steps;  // of the first level, before which nothing is known of the motion
 
   // Where first orders have to be worth it, most levels end after the round without them.
   for (int level : levels_) meter_.plan_step(planned_work(level, options_.momenta.first_order_gain <= 0));
