@@ -4,6 +4,8 @@
 #include <cmath>
 #include <limits>
 
+#include "core/grid/crop.h"
+
 namespace saltus {
 namespace {
 
@@ -76,20 +78,15 @@ Lattice<Dim> part_around(const Lattice<Dim>& lattice, const Vector<Dim>& low, co
   return part;
 }
 
-template <int Dim, class T>
-std::vector<T> samples_of_part(const Lattice<Dim>& whole, const std::vector<T>& samples, const Lattice<Dim>& part) {
-  Index<Dim> begin;
-  for (int axis = 0; axis < Dim; ++axis)
+template <int Dim>
+std::vector<float> samples_of_part(const Lattice<Dim>& whole, const std::vector<float>& samples,
+                                   const Lattice<Dim>& part) {
+  Index<Dim> begin, end;
+  for (int axis = 0; axis < Dim; ++axis) {
     begin[axis] = static_cast<int>(std::lround((part.offset[axis] - whole.offset[axis]) / whole.spacing[axis]));
-  std::vector<T> result(part.sites());
-  for (int slab = 0; slab < part.size[Dim - 1]; ++slab)
-    visit_slab<Dim>(part, slab, [&](const Index<Dim>& index, std::size_t site) {
-      std::size_t from = 0;
-      for (int axis = Dim - 1; axis >= 0; --axis)
-        from = from * static_cast<std::size_t>(whole.size[axis]) + static_cast<std::size_t>(begin[axis] + index[axis]);
-      result[site] = samples[from];
-    });
-  return result;
+    end[axis] = begin[axis] + part.size[axis];
+  }
+  return samples_in_box<Dim>(whole.size, samples, begin, end);
 }
 
 #define SALTUS_CONTENT(DIM)                                                                               \

@@ -23,7 +23,8 @@ template <int Dim>
 Lattice<Dim> part_around(const Lattice<Dim>& lattice, const Vector<Dim>& low, const Vector<Dim>& high, double margin);
 
 /// The samples of `whole` that lie on `part`, one of its parts.
-template <int Dim, class T>
-std::vector<T> samples_of_part(const Lattice<Dim>& whole, const std::vector<T>& samples, const Lattice<Dim>& part);
+template <int Dim>
+std::vector<float> samples_of_part(const Lattice<Dim>& whole, const std::vector<float>& samples,
+                                   const Lattice<Dim>& part);
 
 }  // namespace saltus

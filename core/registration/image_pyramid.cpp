@@ -104,13 +104,15 @@ void ImagePyramid<Dim>::measure_noise(const std::vector<float>& fixed_weights,
 template <int Dim>
 void ImagePyramid<Dim>::find_region(const std::vector<float>& fixed_weights, const std::vector<float>& moving_weights) {
   if (kNoise * noise_ > kMostNoise) return;
-  const auto box_of = [&](const Volume<Dim>& image, const std::vector<float>& weights, const Lattice<Dim>& lattice) {
-    const float* seen = weights.empty() ? nullptr : weights.data();
-    const double range = intensity_range(image.samples.size(), image.samples.data(), seen).width();
-    return content_box(lattice, image.samples.data(), seen, std::max(kNoise * noise_, kLeastContrast) * range);
-  };
-  const IndexBox<Dim> fixed = box_of(input_.fixed, fixed_weights, fixed_lattice_),
-                      moving = box_of(input_.moving, moving_weights, moving_lattice_);
+  const auto seen = [](const std::vector<float>& weights) { return weights.empty() ? nullptr : weights.data(); };
+  const double contrast = std::max(kNoise * noise_, kLeastContrast);  // of each image's range
+  const std::vector<float>&fixed_samples = input_.fixed.samples, &moving_samples = input_.moving.samples;
+  const IntensityRange moving_range =
+      intensity_range(moving_samples.size(), moving_samples.data(), seen(moving_weights));
+  const IndexBox<Dim> fixed = content_box(fixed_lattice_, fixed_samples.data(), seen(fixed_weights),
+                                          contrast * range_.width()),
+                      moving = content_box(moving_lattice_, moving_samples.data(), seen(moving_weights),
+                                           contrast * moving_range.width());
   for (int axis = 0; axis < Dim; ++axis) {
     region_low_[axis] = fixed.begin[axis] * fixed_lattice_.spacing[axis];
     region_high_[axis] = (fixed.end[axis] - 1) * fixed_lattice_.spacing[axis];

@@ -59,8 +59,7 @@ struct LevelSummary {
   double first_order_gain = 0, first_order_shear = 0;  ///< what it rests on, see FirstOrderPromise
   int oriented_elements = 0;                           ///< at the end: active oriented momenta
   int map_steps = 1;                                   ///< in each time step
-  double map_error_mm =
-      0;  ///< at the end: at most so far are 99.9 % of the sites followed wrongly; 0: nothing moved, or not asked
+  double map_error_mm = 0;   ///< at the end, of 99.9 % of the sites, see map_error; 0: nothing moved, or not asked
   double oblique_share = 0;  ///< of what may slide, see InterfaceNormals; 0 where there are no oriented momenta
   double seconds = 0;
   double cpu_seconds = 0;

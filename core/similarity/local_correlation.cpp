@@ -5,7 +5,6 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <cstring>
 #include <tuple>
 #include <utility>
 #include <vector>
@@ -31,7 +30,7 @@ namespace {
 ///
 /// Every sum is made anew from what is in it. A window that moves on, taking in a row and letting one go, needs fewer
 /// operations, but in double, or what had been in it would leave a trace, and writes what it carries: for windows of 5
-/// samples it took three times as long.
+/// samples that took 1.7 times as long, for windows of 9 the same, for windows of 17 two thirds.
 ///
 /// Images of two dimensions are rows that are one plane each.
 template <int Dim, class T>
@@ -68,7 +67,6 @@ class LocalCorrelation final : public Similarity<Dim, T> {
 
  private:
   /// Sums: f, w, f^2, w^2, f w and, with weights, the weight. Coefficients: 3, or 6 with the gradient of the weights.
-  static constexpr std::size_t kMostSums = 6, kMostCoefficients = 6;
   static constexpr std::size_t kCacheBytes = 640 * 1024;  ///< of a second-level cache, for a tile's planes
   static constexpr int kMostPlanes = 64;                  ///< of a tile
 

@@ -9,8 +9,8 @@ namespace saltus {
 
 // For sources of the core alone: what is compiled for another processor sees other registers.
 
-/// The widest register of the processor that is compiled for. Loops that the compiler puts into lanes by itself are left
-/// to it; loops whose sums must not leave the registers say so with these.
+/// The widest register of the processor that is compiled for. Loops that the compiler puts into lanes by itself are
+/// left to it; loops whose sums must not leave the registers say so with these.
 #ifdef __AVX512F__
 constexpr std::size_t kRegisterBytes = 64;
 #else

@@ -60,6 +60,7 @@ class EndToEnd : public testing::Test {
     return {"--model", "sliding",       "--set", "coarsening=0",           "--set", "tolerance=0",
             "--set",   "time_steps=64", "--set", "optimality_tolerance=0", "--set", "max_iterations=60"};
   }
+  /// In many rounds: one may end as soon as nothing can be gained in single precision.
   static std::vector<std::string> of_minutes() {
     return {"--model", "sliding",         "--set", "coarsening=0",
             "--set",   "tolerance=0",     "--set", "time_steps=64",

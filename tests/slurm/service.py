@@ -9,6 +9,7 @@ import urllib.request
 PATIENCE = 120
 SHORT = ["--model", "gaussian", "--similarity", "ssd", "--set", "regularisation=0.0001"]
 ENDLESS = ["--model", "sliding", "--set", "coarsening=0", "--set", "tolerance=0", "--set", "optimality_tolerance=0"]
+# In many rounds: one may end as soon as nothing can be gained in single precision.
 LONG = [*ENDLESS, "--set", "time_steps=64", "--set", "max_iterations=10000", "--set", "levels=1",
         "--set", "width_voxels=64", "--set", "map_steps=16", "--set", "reweighted_rounds=10",
         "--set", "sparsity_path=12"]

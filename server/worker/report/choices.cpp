@@ -52,8 +52,7 @@ std::string measured_from(const std::string& name, const ReportInput<Dim>& input
            ", from the model and the similarity";
   }
   if (name == "kernel_widths") return "from the model, the similarity and the noise on the finest level";
-  if (name.starts_with("first_order_gain") || name.starts_with("first_order_shear") ||
-      name.starts_with("first_order_finest_gain") || name.starts_with("first_order_finest_shear"))
+  if (name.starts_with("first_order_") && (name.ends_with("gain") || name.ends_with("shear")))
     return "from the similarity and the dimension, for which it was measured";
   if (name == "sparsity") return "from the noise on the finest level (sparsity_noise)";
   return "from the levels";
@@ -110,11 +109,11 @@ std::vector<Choice> choices(const ReportInput<Dim>& input) {
                        "as the noise at this level allows", false});
   }
   const RegistrationOptions::Flow& flow = input.result->options.flow;
+  const auto is_finest = [&](const LevelSummary& level) { return &level == &summary.levels.back(); };
   for (const LevelSummary& level : summary.levels) {
-    if (!(flow.map_tolerance > 0)) break;
-    const bool is_finest = &level == &summary.levels.back();
+    if (flow.map_tolerance == 0) continue;
     std::string why = level.level == 1 ? "nothing was known of the motion" : "by the motion found before";
-    if (is_finest && level.map_steps == flow.map_steps) why += "; on the finest level at least map_steps";
+    if (is_finest(level) && level.map_steps == flow.map_steps) why += "; on the finest level at least map_steps";
     if (level.map_steps == kMostMapSteps) why += "; at most " + std::to_string(kMostMapSteps);
     why += "; at the end 99.9 % of the sites are followed to within " + number(level.map_error_mm / level.spacing_mm) +
            " voxels (asked: " + number(flow.map_tolerance) + ")";
@@ -125,9 +124,8 @@ std::vector<Choice> choices(const ReportInput<Dim>& input) {
     if (level.decision == FirstOrderDecision::None) continue;
     const RegistrationOptions::Momenta& asked = input.result->options.momenta;
     const bool is_in = level.decision == FirstOrderDecision::LetIn;
-    const bool is_finest = &level == &summary.levels.back();
-    const double asked_gain = is_finest ? asked.first_order_finest_gain : asked.first_order_gain;
-    const double asked_shear = is_finest ? asked.first_order_finest_shear : asked.first_order_shear;
+    const double asked_gain = is_finest(level) ? asked.first_order_finest_gain : asked.first_order_gain;
+    const double asked_shear = is_finest(level) ? asked.first_order_finest_shear : asked.first_order_shear;
     found.push_back(
         {"level " + std::to_string(level.level) + ": first-order momenta", is_in ? "let in" : "left out", "",
          "with order 0 settled they promised to gain " + number(level.first_order_gain) +

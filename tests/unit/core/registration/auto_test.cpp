@@ -18,10 +18,15 @@ struct Outcome {
   int evaluations = 0;
 };
 
-Outcome outcome_of(const Phantom<2>& phantom, const RegistrationOptions& options) {
+RegistrationInput<2> pair_of(const Phantom<2>& phantom) {
   RegistrationInput<2> input;
   input.fixed = phantom.fixed;
   input.moving = phantom.moving;
+  return input;
+}
+
+Outcome outcome_of(const Phantom<2>& phantom, const RegistrationOptions& options) {
+  RegistrationInput<2> input = pair_of(phantom);
   const RegistrationResult<2> result = register_images<2>(input, options);
   Outcome outcome;
   for (const LevelSummary& level : result.summary.levels) {
@@ -95,9 +100,7 @@ TEST(AutoModel, MeasuresTheNoiseThatWidthsAndSparsityFollow) {
   const Phantom<2> phantom = make_phantom<2>(scene);
   RegistrationOptions options = default_options(Model::Auto, SimilarityType::Lncc, Preset::Fast);
   options.optimisation.max_iterations = 1;
-  RegistrationInput<2> input;
-  input.fixed = phantom.fixed;
-  input.moving = phantom.moving;
+  RegistrationInput<2> input = pair_of(phantom);
   const RegistrationResult<2> result = register_images<2>(input, options);
   ASSERT_GT(result.summary.noise, 0.01);
   const RegistrationOptions expected = resolved(options, lattice_of(input.fixed.grid), result.summary.noise);
@@ -119,9 +122,7 @@ TEST(AutoModel, OrientsMomentaWhereTheInterfaceIsOblique) {
     scene.angle_deg = degrees;
     const Phantom<2> phantom = make_phantom<2>(scene);
     const RegistrationOptions options = default_options(Model::Auto, SimilarityType::Ssd, Preset::Balanced);
-    RegistrationInput<2> input;
-    input.fixed = phantom.fixed;
-    input.moving = phantom.moving;
+    const RegistrationInput<2> input = pair_of(phantom);
     const RegistrationResult<2> result = register_images<2>(input, options);
     const LevelSummary& finest = result.summary.levels.back();
     const bool is_oblique = degrees == 45;
@@ -170,9 +171,7 @@ TEST(AutoMapSteps, FollowTheMotion) {
   options.flow.map_tolerance = 0.02;
   options.optimisation.max_iterations = 20;
   const Phantom<2> wheel = make_phantom<2>(default_phantom_options(PhantomKind::Wheel));
-  RegistrationInput<2> input;
-  input.fixed = wheel.fixed;
-  input.moving = wheel.moving;
+  RegistrationInput<2> input = pair_of(wheel);
   std::string first, last;
   const RegistrationResult<2> whole = register_images<2>(
       input, options, {}, {.resume = {}, .offer = [&](const Progress& now, const MakeCheckpoint& make) {
@@ -200,9 +199,7 @@ TEST(AutoMapSteps, FollowTheMotion) {
 // Whoever says stop is not asked again, wherever the run is.
 TEST(AutoModel, StopsWhereverItIsTold) {
   const Phantom<2> slip = make_phantom<2>(default_phantom_options(PhantomKind::Slip));
-  RegistrationInput<2> input;
-  input.fixed = slip.fixed;
-  input.moving = slip.moving;
+  RegistrationInput<2> input = pair_of(slip);
   const RegistrationOptions options = default_options(Model::Auto, SimilarityType::Ssd, Preset::Balanced);
   for (int last : {1, 7, 60, 200, 400}) {
     int calls = 0;
