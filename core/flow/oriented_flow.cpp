@@ -22,7 +22,11 @@ void OrientedFlow<Dim, T>::begin(const std::vector<Element>* elements, const T* 
   elements_ = elements;
   values_ = values;
   if (is_empty()) return;
-  momenta_.place(*elements, position_[0]);
+  if (*elements != placed_ || momenta_.turns() != placed_after_) {
+    momenta_.place(*elements, position_[0]);
+    placed_ = *elements;
+    placed_after_ = momenta_.turns();
+  }
   for (std::size_t k = 1; k < predicted_.size(); ++k) {
     predicted_[k].resize(position_[0].size());
     if (k < position_.size()) position_[k].resize(position_[0].size());

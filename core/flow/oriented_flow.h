@@ -45,6 +45,8 @@ class OrientedFlow {
   Field<T> own_;  ///< velocity, or its dual, on the momenta's lattice; empty where prolongation is the identity
   const std::vector<Element>* elements_ = nullptr;
   const T* values_ = nullptr;
+  std::vector<Element> placed_;                       ///< whose corners at time 0 are known
+  std::size_t placed_after_ = 0;                      ///< as many turns
   std::vector<std::vector<T>> position_, predicted_;  ///< corners by node; predicted_[0] is not used
   std::vector<T> position_dual_, predicted_dual_, through_velocity_;
 };

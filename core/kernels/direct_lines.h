@@ -2,6 +2,7 @@
 
 #include "core/grid/lattice.h"
 #include "core/kernels/separable_convolution.h"
+#include "core/support/line_vector.h"
 #include "core/support/registers.h"
 #include "core/support/thread_count.h"
 

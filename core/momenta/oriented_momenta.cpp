@@ -23,7 +23,6 @@ namespace {
 /// see how an interface is curved.
 constexpr double kCornerDistance = 2;
 constexpr double kUnitLength = 1e-6;
-constexpr int kLanes = 16;  // sites of a row that are taken together, as many as are left or not
 
 template <int Dim>
 using Vec = Eigen::Matrix<double, Dim, 1>;
@@ -137,6 +136,7 @@ OrientedMomenta<Dim, T>::OrientedMomenta(const OrientedOptions<Dim>& options)
 
 template <int Dim, class T>
 void OrientedMomenta<Dim, T>::turn(std::vector<T> normals) {
+  ++turns_;
   turned_normals_ = std::move(normals);
   turned_.clear();
   if (turned_normals_.empty()) return;
@@ -212,13 +212,14 @@ auto OrientedMomenta<Dim, T>::placement(const T* corners) -> Placement {
   return place;
 }
 
-/// Calls row(site, count, start, step) for the sites of the lattice that an element can reach, row by row along x, in
-/// planes [begin, end) of the last axis: `start` is the first site's place along the element's axes, `step` from one
-/// site to the next.
+/// Calls lanes(site, count, start, step) for the sites of the lattice that an element can reach, kLanes of a row along
+/// x at a time, in planes [begin, end) of the last axis: `start` is the first site's place along the element's axes,
+/// `step` from one site to the next. Of the lanes `count` lie in the row; those of them that lie beyond the element's
+/// reach have a shape of 0.
 template <int Dim, class T>
-template <class Row>
-void OrientedMomenta<Dim, T>::visit_rows(const Orientation& orientation, const Placement& place, int begin, int end,
-                                         Row&& row) const {
+template <class Lanes>
+void OrientedMomenta<Dim, T>::visit_lanes(const Orientation& orientation, const Placement& place, int begin, int end,
+                                          Lanes&& lanes) const {
   const Lattice<Dim>& lattice = options_.lattice;
   // Nothing else than finite places can be on the lattice.
   if (!place.at.allFinite() || !place.axes.allFinite()) return;
@@ -266,9 +267,11 @@ void OrientedMomenta<Dim, T>::visit_rows(const Orientation& orientation, const P
       if constexpr (Dim == 3)
         site += static_cast<std::size_t>(lattice.size[0]) * static_cast<std::size_t>(lattice.size[1]) *
                 static_cast<std::size_t>(z);
-      T start[Dim];
-      for (int k = 0; k < Dim; ++k) start[k] = across[k] + step[k] * static_cast<T>(first);
-      row(site, last - first + 1, start, step);
+      for (int x = first; x <= last; x += kLanes, site += kLanes) {
+        T start[Dim];
+        for (int k = 0; k < Dim; ++k) start[k] = across[k] + step[k] * static_cast<T>(x);
+        lanes(site, std::min(kLanes, lattice.size[0] - x), start, step);
+      }
     }
 }
 
@@ -292,30 +295,32 @@ void OrientedMomenta<Dim, T>::add_velocity(const std::vector<Element>& elements,
     for (std::size_t e = 0; e < elements.size(); ++e) {
       const T* c = momenta + kComponents * e;
       if (std::all_of(c, c + kComponents, [](T value) { return value == T(0); })) continue;
-      const auto& p = orientations_[normal_of(elements[e])].profiles;
       const Placement place = placement(corners + kCornerValues * e);
       T vector[Dim] = {};
       for (int j = 1; j < Dim; ++j)
         for (int a = 0; a < Dim; ++a) vector[a] += factor * c[j - 1] * place.axes(j, a);
-      visit_rows(orientations_[normal_of(elements[e])], place, begin, end,
-                 [&](std::size_t site, int count, const T* start, const T* step) {
-                   for (int from = 0; from < count; from += kLanes) {
-                     T shape[kLanes];
+      const Orientation& orientation = orientations_[normal_of(elements[e])];
+      const auto& p = orientation.profiles;
+      visit_lanes(orientation, place, begin, end, [&](std::size_t site, int count, const T* start, const T* step) {
+        T shape[kLanes];
 #pragma omp simd
-                     for (int i = 0; i < kLanes; ++i) {
-                       const T x = static_cast<T>(from + i);
-                       shape[i] = p[0].slope(start[0] + x * step[0]);
-                       for (int k = 1; k < Dim; ++k) shape[i] *= p[k].value(start[k] + x * step[k]);
-                     }
-                     const int width = std::min(kLanes, count - from);
-                     for (int a = 0; a < Dim; ++a) {
-                       T* out = by_component_.data() + static_cast<std::size_t>(a) * sites_ + site + from;
+        for (int i = 0; i < kLanes; ++i) {
+          const T x = static_cast<T>(i);
+          shape[i] = p[0].slope(start[0] + x * step[0]);
+          for (int k = 1; k < Dim; ++k) shape[i] *= p[k].value(start[k] + x * step[k]);
+        }
+        for (int a = 0; a < Dim; ++a) {
+          T* out = by_component_.data() + static_cast<std::size_t>(a) * sites_ + site;
+          if (count == kLanes) {  // what is stored in part delays whoever reads it next
 #pragma omp simd
-                       for (int i = 0; i < kLanes; ++i)
-                         if (i < width) out[i] += shape[i] * vector[a];
-                     }
-                   }
-                 });
+            for (int i = 0; i < kLanes; ++i) out[i] += shape[i] * vector[a];
+          } else {
+#pragma omp simd
+            for (int i = 0; i < kLanes; ++i)
+              if (i < count) out[i] += shape[i] * vector[a];
+          }
+        }
+      });
     }
     for (std::size_t site = plane * begin; site < plane * end; ++site)
       for (int a = 0; a < Dim; ++a)
@@ -347,59 +352,54 @@ void OrientedMomenta<Dim, T>::add_velocity_adjoint(const std::vector<Element>& e
     for (int j = 1; j < Dim; ++j) vector += factor * c[j - 1] * place.axes.row(j).transpose();
     // With shape = product of f_k(r_k): sums of g f_k' (product of the others), and of the same times r; lane by lane.
     T pulled_lanes[Dim][kLanes] = {}, force_lanes[Dim][kLanes] = {}, turning_lanes[Dim][Dim][kLanes] = {};
-    visit_rows(orientation, place, 0, planes, [&](std::size_t site, int count, const T* start, const T* step) {
-      for (int from = 0; from < count; from += kLanes) {
-        // Whole lanes are read, for which the buffer is long enough; beyond the row they count nothing.
-        T own[Dim][kLanes], r[Dim][kLanes], f[Dim][kLanes], inside[kLanes];
-        const int width = count - from;
+    visit_lanes(orientation, place, 0, planes, [&](std::size_t site, int count, const T* start, const T* step) {
+      // Whole lanes are read, for which the buffer is long enough; beyond the row they count nothing.
+      T own[Dim][kLanes], r[Dim][kLanes], f[Dim][kLanes];
+      for (int a = 0; a < Dim; ++a) {
+        const T* dual = by_component_.data() + static_cast<std::size_t>(a) * sites_ + site;
 #pragma omp simd
-        for (int i = 0; i < kLanes; ++i) inside[i] = i < width ? T(1) : T(0);
-        for (int a = 0; a < Dim; ++a) {
-          const T* dual = by_component_.data() + static_cast<std::size_t>(a) * sites_ + site + from;
+        for (int i = 0; i < kLanes; ++i) own[a][i] = i < count ? dual[i] : T(0);
+      }
+      for (int k = 0; k < Dim; ++k)
 #pragma omp simd
-          for (int i = 0; i < kLanes; ++i) own[a][i] = dual[i] * inside[i];
+        for (int i = 0; i < kLanes; ++i) r[k][i] = start[k] + static_cast<T>(i) * step[k];
+#pragma omp simd
+      for (int i = 0; i < kLanes; ++i) f[0][i] = p[0].slope(r[0][i]);
+      for (int k = 1; k < Dim; ++k)
+#pragma omp simd
+        for (int i = 0; i < kLanes; ++i) f[k][i] = p[k].value(r[k][i]);
+      T shape[kLanes];
+#pragma omp simd
+      for (int i = 0; i < kLanes; ++i) shape[i] = f[0][i] * f[1][i];
+      if constexpr (Dim == 3)
+#pragma omp simd
+        for (int i = 0; i < kLanes; ++i) shape[i] *= f[2][i];
+      for (int a = 0; a < Dim; ++a)
+#pragma omp simd
+        for (int i = 0; i < kLanes; ++i) pulled_lanes[a][i] += shape[i] * own[a][i];
+      if (!moves) return;
+      T g[kLanes] = {};
+      for (int a = 0; a < Dim; ++a)
+#pragma omp simd
+        for (int i = 0; i < kLanes; ++i) g[i] += vector[a] * own[a][i];
+      for (int k = 0; k < Dim; ++k) {
+        T term[kLanes];
+        if (k == 0)
+#pragma omp simd
+          for (int i = 0; i < kLanes; ++i) term[i] = g[i] * p[0].slope_derivative(r[0][i]);
+        else
+#pragma omp simd
+          for (int i = 0; i < kLanes; ++i) term[i] = g[i] * p[k].slope(r[k][i]) * p[k].per_sigma;
+        for (int other = 0; other < Dim; ++other) {
+          if (other == k) continue;
+#pragma omp simd
+          for (int i = 0; i < kLanes; ++i) term[i] *= f[other][i];
         }
-        for (int k = 0; k < Dim; ++k)
 #pragma omp simd
-          for (int i = 0; i < kLanes; ++i) r[k][i] = start[k] + static_cast<T>(from + i) * step[k];
+        for (int i = 0; i < kLanes; ++i) force_lanes[k][i] += term[i];
+        for (int l = 0; l < Dim; ++l)
 #pragma omp simd
-        for (int i = 0; i < kLanes; ++i) f[0][i] = p[0].slope(r[0][i]);
-        for (int k = 1; k < Dim; ++k)
-#pragma omp simd
-          for (int i = 0; i < kLanes; ++i) f[k][i] = p[k].value(r[k][i]);
-        T shape[kLanes];
-#pragma omp simd
-        for (int i = 0; i < kLanes; ++i) shape[i] = f[0][i] * f[1][i];
-        if constexpr (Dim == 3)
-#pragma omp simd
-          for (int i = 0; i < kLanes; ++i) shape[i] *= f[2][i];
-        for (int a = 0; a < Dim; ++a)
-#pragma omp simd
-          for (int i = 0; i < kLanes; ++i) pulled_lanes[a][i] += shape[i] * own[a][i];
-        if (!moves) continue;
-        T g[kLanes] = {};
-        for (int a = 0; a < Dim; ++a)
-#pragma omp simd
-          for (int i = 0; i < kLanes; ++i) g[i] += vector[a] * own[a][i];
-        for (int k = 0; k < Dim; ++k) {
-          T term[kLanes];
-          if (k == 0)
-#pragma omp simd
-            for (int i = 0; i < kLanes; ++i) term[i] = g[i] * p[0].slope_derivative(r[0][i]);
-          else
-#pragma omp simd
-            for (int i = 0; i < kLanes; ++i) term[i] = g[i] * p[k].slope(r[k][i]) * p[k].per_sigma;
-          for (int other = 0; other < Dim; ++other) {
-            if (other == k) continue;
-#pragma omp simd
-            for (int i = 0; i < kLanes; ++i) term[i] *= f[other][i];
-          }
-#pragma omp simd
-          for (int i = 0; i < kLanes; ++i) force_lanes[k][i] += term[i];
-          for (int l = 0; l < Dim; ++l)
-#pragma omp simd
-            for (int i = 0; i < kLanes; ++i) turning_lanes[k][l][i] += term[i] * r[l][i];
-        }
+          for (int i = 0; i < kLanes; ++i) turning_lanes[k][l][i] += term[i] * r[l][i];
       }
     });
     const auto total = [](const T* lanes) { return std::accumulate(lanes, lanes + kLanes, T(0)); };
@@ -458,8 +458,12 @@ double OrientedMomenta<Dim, T>::penalty(const std::vector<Element>& elements, co
           const T* values = scratch_.data() + kComponents * static_cast<std::size_t>(lattice.size[0]) * row;
           const T* taps = orientation.gram.data() + static_cast<std::size_t>(2 * orientation.reach[0] + 1) * tap +
                           (orientation.reach[0] - at[0]);
-          for (int x = low[0]; x < high[0]; ++x)
-            for (int j = 0; j < kComponents; ++j) sum[j] += taps[x] * values[kComponents * x + j];
+          for (int j = 0; j < kComponents; ++j) {
+            T of_row = 0;
+#pragma omp simd reduction(+ : of_row)
+            for (int x = low[0]; x < high[0]; ++x) of_row += taps[x] * values[kComponents * x + j];
+            sum[j] += of_row;
+          }
         }
       for (int j = 0; j < kComponents; ++j) {
         gradient[kComponents * e + j] += sum[j];

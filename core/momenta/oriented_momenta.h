@@ -53,6 +53,8 @@ class OrientedMomenta {
   /// Turns elements: at each site the one whose normal is nearest to `normals` there (Dim values a site, unit or 0 for
   /// none, either sign) has that normal from now on, by the least rotation. All others have those of the options.
   void turn(std::vector<T> normals);
+  /// How often that was done.
+  std::size_t turns() const { return turns_; }
   /// The elements that were turned, rising.
   const std::vector<Element>& turned() const { return turned_; }
   /// What `turn` was given, with signs as they are used; empty before.
@@ -61,8 +63,8 @@ class OrientedMomenta {
   /// Corners of elements at time 0, kCornerValues each.
   void place(const std::vector<Element>& elements, std::vector<T>& corners) const;
 
-  /// velocity += that of `count` elements with these normals (normal_of), corners and momenta; the velocity lies on
-  /// the lattice. Elements whose momentum is 0 cost nothing.
+  /// velocity += that of elements with these normals (normal_of), corners and momenta; the velocity lies on the
+  /// lattice. Elements whose momentum is 0 cost nothing.
   void add_velocity(const std::vector<Element>& elements, const T* corners, const T* momenta, T* velocity) const;
 
   /// Its transpose and derivative: from the dual of the velocity, adds to the duals of the momenta and, where the
@@ -92,14 +94,16 @@ class OrientedMomenta {
     Index<Dim> reach;                      ///< of `gram`, in sites
     std::vector<T> gram;                   ///< of two elements by how far their sites are apart
   };
-  template <class Row>
-  void visit_rows(const Orientation& orientation, const Placement& place, int begin, int end, Row&& row) const;
+  static constexpr int kLanes = 16;  ///< sites of a row that are taken together, as many as are left or not
+  template <class Lanes>
+  void visit_lanes(const Orientation& orientation, const Placement& place, int begin, int end, Lanes&& lanes) const;
 
   OrientedOptions<Dim> options_;
   std::size_t sites_;
   std::vector<Orientation> orientations_;
   std::vector<T> turned_normals_;
   std::vector<Element> turned_;
+  std::size_t turns_ = 0;
   std::vector<T> scratch_;               ///< momenta of one normal at all sites, 0 between uses
   mutable std::vector<T> by_component_;  ///< a field, component after component: rows of one are side by side
 };

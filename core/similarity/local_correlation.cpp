@@ -1,5 +1,6 @@
 #include "core/similarity/row_window.h"
 #include "core/similarity/similarity.h"
+#include "core/support/line_vector.h"
 #include "core/support/registers.h"
 
 #include <algorithm>
