@@ -13,19 +13,35 @@ template <int Dim>
 std::array<std::vector<double>, Dim> variation_of_slices(const VectorVolume<Dim>& u) {
   std::array<std::vector<double>, Dim> sums;
   for (int axis = 0; axis < Dim; ++axis) sums[axis].assign(u.grid.size[axis], 0.0);
-  Index<Dim> index{};
-  for (std::size_t voxel = 0; voxel < u.grid.voxels(); ++voxel) {
-    double squares = 0;
-    std::size_t stride = 1;
-    for (int axis = 0; axis < Dim; ++axis) {
-      if (index[axis] + 1 < u.grid.size[axis])
-        for (int c = 0; c < Dim; ++c)
-          squares += std::pow((u.component(c)[voxel + stride] - u.component(c)[voxel]) / u.grid.spacing[axis], 2);
-      stride *= static_cast<std::size_t>(u.grid.size[axis]);
+  const int width = u.grid.size[0], height = Dim == 3 ? u.grid.size[1] : 1;
+  std::vector<float> squares(static_cast<std::size_t>(width));
+  for (int z = 0; z < u.grid.size[Dim - 1]; ++z)
+    for (int y = 0; y < height; ++y) {
+      const std::size_t first = (static_cast<std::size_t>(z) * height + y) * static_cast<std::size_t>(width);
+      std::fill(squares.begin(), squares.end(), 0.0f);
+      const auto add = [&](int count, std::size_t stride, double spacing) {
+        const float per_mm = static_cast<float>(1 / spacing);
+        for (int c = 0; c < Dim; ++c) {
+          const float* at = u.component(c) + first;
+          for (int x = 0; x < count; ++x) {
+            const float slope = (at[x + stride] - at[x]) * per_mm;
+            squares[x] += slope * slope;
+          }
+        }
+      };
+      add(width - 1, 1, u.grid.spacing[0]);
+      if (Dim == 3 && y + 1 < height) add(width, static_cast<std::size_t>(width), u.grid.spacing[1]);
+      if (z + 1 < u.grid.size[Dim - 1])
+        add(width, static_cast<std::size_t>(width) * static_cast<std::size_t>(height), u.grid.spacing[Dim - 1]);
+      double row = 0;
+      for (int x = 0; x < width; ++x) {
+        const double length = std::sqrt(squares[x]);
+        sums[0][x] += length;
+        row += length;
+      }
+      if constexpr (Dim == 3) sums[1][y] += row;
+      sums[Dim - 1][z] += row;
     }
-    for (int axis = 0; axis < Dim; ++axis) sums[axis][index[axis]] += std::sqrt(squares);
-    for (int axis = 0; axis < Dim && ++index[axis] == u.grid.size[axis]; ++axis) index[axis] = 0;
-  }
   for (int axis = 0; axis < Dim; ++axis) {
     const int border = u.grid.size[axis] / 10;
     std::fill_n(sums[axis].begin(), border, 0.0);

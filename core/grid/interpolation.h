@@ -128,6 +128,14 @@ struct LinearCell {
   template <int Channels>
   [[gnu::always_inline]] std::array<T, Channels> value_and_slopes(
       const T* field, std::array<std::array<T, Dim>, Channels>& slopes) const {
+    if constexpr (has_rows<Channels>)
+      if (step[0] > 0) {
+        const Rows rows = rows_of(field);
+        const auto along = rows.slopes(*this);
+        for (int c = 0; c < Channels; ++c)
+          for (int axis = 0; axis < Dim; ++axis) slopes[c][axis] = slope[axis] * along[axis][c];
+        return rows.value(*this);
+      }
     std::array<T, Channels> sum;
     for (int c = 0; c < Channels; ++c) {
       std::array<T, corners> values;
@@ -180,16 +188,21 @@ struct LinearCell {
       return ((row[0][0] * (1 - y) + row[1][0] * y) * (1 - z) + (row[0][1] * (1 - y) + row[1][1] * y) * z)
           .between(cell.fraction[0]);
     }
-    [[gnu::always_inline]] std::array<T, 3> gradient(const LinearCell& cell, const std::array<T, 3>& dual) const {
+    /// By axis, as if no coordinate were clamped.
+    [[gnu::always_inline]] std::array<std::array<T, 3>, 3> slopes(const LinearCell& cell) const {
       const T y = cell.fraction[1], z = cell.fraction[2];
       const CellRow<T> front = row[0][0] * (1 - y) + row[1][0] * y, back = row[0][1] * (1 - y) + row[1][1] * y;
       const CellRow<T> up = (row[1][0] - row[0][0]) * (1 - z) + (row[1][1] - row[0][1]) * z;
-      const auto with_dual = [&](const std::array<T, 3>& v) {
-        return dual[0] * v[0] + dual[1] * v[1] + dual[2] * v[2];
-      };
-      return {cell.slope[0] * with_dual((front * (1 - z) + back * z).difference()),
-              cell.slope[1] * with_dual(up.between(cell.fraction[0])),
-              cell.slope[2] * with_dual((back - front).between(cell.fraction[0]))};
+      return {(front * (1 - z) + back * z).difference(), up.between(cell.fraction[0]),
+              (back - front).between(cell.fraction[0])};
+    }
+    [[gnu::always_inline]] std::array<T, 3> gradient(const LinearCell& cell, const std::array<T, 3>& dual) const {
+      const auto along = slopes(cell);
+      std::array<T, 3> sums;
+      for (int axis = 0; axis < 3; ++axis)
+        sums[axis] =
+            cell.slope[axis] * (dual[0] * along[axis][0] + dual[1] * along[axis][1] + dual[2] * along[axis][2]);
+      return sums;
     }
   };
   [[gnu::always_inline]] Rows rows_of(const T* field) const {

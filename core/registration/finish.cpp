@@ -1,5 +1,6 @@
 #include "core/registration/finish.h"
 
+#include "core/evaluation/jacobian.h"
 #include "core/flow/backward_map.h"
 #include "core/grid/interpolation.h"
 
@@ -20,6 +21,77 @@ AffineMap<Dim> frame_to_index(const RegistrationInput<Dim>& input) {
   map.offset = scale * moving.direction.transpose() * (input.start(fixed.origin) - moving.origin);
   return map;
 }
+
+namespace {
+
+/// A point, and what x + u(x) misses there of what it should be, mm.
+template <int Dim>
+struct Undone {
+  Vector<Dim> at, missing;
+  double square;  ///< of what is missing, mm^2
+};
+
+/// Solves x + u(x) = y for a displacement that is taken linearly between the sites of a lattice, as users take it, by
+/// Newton's method with the slopes of the cell that x is in.
+template <int Dim>
+class Undoing {
+ public:
+  Undoing(const Lattice<Dim>& lattice, const Field<float>& displacement)
+      : lattice_(lattice), displacement_(displacement) {
+    double least = lattice.spacing[0];
+    for (int axis = 0; axis < Dim; ++axis) {
+      per_mm_[axis] = 1 / lattice.spacing[axis];
+      extent_[axis] = (lattice.size[axis] - 1) * lattice.spacing[axis];
+      least = std::min(least, lattice.spacing[axis]);
+    }
+    close_ = 1e-4 * least;
+  }
+
+  bool is_close(const Undone<Dim>& found) const { return found.square <= close_ * close_; }
+
+  /// From `first`; as near as it comes within the lattice.
+  Undone<Dim> of(const Vector<Dim>& y, const Vector<Dim>& first) const {
+    Matrix<Dim> slopes, other_slopes;
+    Undone<Dim> place = look_at(y, first, slopes);
+    for (int round = 0; round < kMostRounds && !is_close(place) && is_inside(place.at); ++round) {
+      Undone<Dim> next = look_at(y, place.at + slopes.inverse() * place.missing, other_slopes);
+      if (!(next.square < place.square)) next = look_at(y, place.at + place.missing, other_slopes);
+      if (!(next.square < place.square) || !is_inside(next.at)) break;
+      place = next;
+      slopes = other_slopes;
+    }
+    return place;
+  }
+
+ private:
+  static constexpr int kMostRounds = 12;
+
+  /// With the slopes of x + u(x) there.
+  [[gnu::always_inline]] Undone<Dim> look_at(const Vector<Dim>& y, const Vector<Dim>& at, Matrix<Dim>& slopes) const {
+    std::array<float, Dim> coordinates;
+    for (int c = 0; c < Dim; ++c) coordinates[c] = static_cast<float>(at[c] * per_mm_[c]);
+    std::array<std::array<float, Dim>, Dim> of_u;
+    const auto u =
+        LinearCell<Dim, float>(lattice_, coordinates).template value_and_slopes<Dim>(displacement_.data(), of_u);
+    Undone<Dim> place{at, y - at, 0};
+    for (int c = 0; c < Dim; ++c) {
+      place.missing[c] -= u[c];
+      place.square += place.missing[c] * place.missing[c];
+      for (int axis = 0; axis < Dim; ++axis) slopes(c, axis) = (c == axis) + of_u[c][axis] * per_mm_[axis];
+    }
+    return place;
+  }
+  bool is_inside(const Vector<Dim>& at) const {
+    return (at.array() >= 0).all() && (at.array() <= extent_.array()).all();
+  }
+
+  Lattice<Dim> lattice_;
+  const Field<float>& displacement_;
+  Vector<Dim> per_mm_, extent_;
+  double close_;
+};
+
+}  // namespace
 
 template <int Dim>
 Field<float> write_fields(const RegistrationInput<Dim>& input, const Lattice<Dim>& lattice,
@@ -50,89 +122,47 @@ Field<float> write_fields(const RegistrationInput<Dim>& input, const Lattice<Dim
   const auto frame_of = [&](const Vector<Dim>& moving_world) -> Vector<Dim> {
     return fixed.direction.transpose() * (inverse * (moving_world - input.start.offset) - fixed.origin);
   };
-  constexpr int kMostRounds = 12;
-  const double close = 1e-4 * fixed.spacing.minCoeff();
-  const auto is_inside = [&](const Vector<Dim>& at) {
-    for (int axis = 0; axis < Dim; ++axis)
-      if (!(at[axis] >= 0 && at[axis] <= (fixed.size[axis] - 1) * fixed.spacing[axis])) return false;
-    return true;
-  };
+  const Undoing<Dim> undoing(fixed_lattice, backward);
   std::vector<double> consistency(moving_lattice.sites());
 #pragma omp parallel for schedule(static)
-  for (int slab = 0; slab < moving_lattice.size[Dim - 1]; ++slab)
+  for (int slab = 0; slab < moving_lattice.size[Dim - 1]; ++slab) {
+    const Vector<Dim> still = Vector<Dim>::Zero();
+    Vector<Dim> shift = still, change = still;  // of the voxel before in the row, and by how much that was more
+    int known = 0;                              // of these two
     visit_slab<Dim>(moving_lattice, slab, [&](const Index<Dim>& index, std::size_t site) {
       Vector<Dim> at;
       for (int c = 0; c < Dim; ++c) at[c] = index[c];
       const Vector<Dim> world = moving.to_world(at), start = frame_of(world);
-      // Users take the displacement linearly between voxels: Newton's method undoes just that, with the slopes of the
-      // cell it is in. What is missing after a round is kept beside them.
-      struct Place {
-        Vector<Dim> at, missing;
-        Matrix<Dim> slopes;  ///< of x + u(x)
+      // Neighbours in a row are found from each other; the first of a row, and those across a fold or a jump, by the
+      // flow, and where that finds no way by undoing it step by step.
+      if (index[0] == 0) known = 0;
+      const bool is_alone = known == 0;
+      Undone<Dim> found = undoing.of(start, is_alone ? forward_guess<Dim, float>(lattice, velocities, start)
+                                                     : Vector<Dim>(start + shift + (known > 1 ? change : still)));
+      const auto try_from = [&](const Vector<Dim>& first) {
+        const Undone<Dim> other = undoing.of(start, first);
+        if (other.square < found.square) found = other;
       };
-      const auto look_at = [&](const Vector<Dim>& at) {
-        Place place{at, start - at, Matrix<Dim>::Identity()};
-        std::array<float, Dim> coordinates;
-        for (int c = 0; c < Dim; ++c) coordinates[c] = static_cast<float>(at[c] / fixed_lattice.spacing[c]);
-        std::array<std::array<float, Dim>, Dim> slopes;
-        const auto u =
-            LinearCell<Dim, float>(fixed_lattice, coordinates).template value_and_slopes<Dim>(backward.data(), slopes);
-        for (int c = 0; c < Dim; ++c) {
-          place.missing[c] -= u[c];
-          for (int axis = 0; axis < Dim; ++axis) place.slopes(c, axis) += slopes[c][axis] / fixed_lattice.spacing[axis];
-        }
-        return place;
-      };
-      const auto undo = [&](const Vector<Dim>& first) {
-        Place place = look_at(first);
-        for (int round = 0; round < kMostRounds && place.missing.norm() > close && is_inside(place.at); ++round) {
-          Place next = look_at(place.at + place.slopes.inverse() * place.missing);
-          if (!(next.missing.norm() < place.missing.norm())) next = look_at(place.at + place.missing);
-          if (!(next.missing.norm() < place.missing.norm()) || !is_inside(next.at)) break;
-          place = next;
-        }
-        return place;
-      };
-      // Where that finds no way, across a fold or a jump, the flow is undone step by step first.
-      Place found = undo(forward_guess<Dim, float>(lattice, velocities, start));
-      if (!(found.missing.norm() <= close)) {
-        const Place other = undo(forward_point<Dim, float>(lattice, velocities, start));
-        if (other.missing.norm() < found.missing.norm()) found = other;
-      }
+      if (!is_alone && !undoing.is_close(found)) try_from(forward_guess<Dim, float>(lattice, velocities, start));
+      if (!undoing.is_close(found)) try_from(forward_point<Dim, float>(lattice, velocities, start));
+      change = found.at - start - shift;
+      shift = found.at - start;
+      known = undoing.is_close(found) ? std::min(known + 1, 2) : 0;
       const Vector<Dim> back = fixed.origin + fixed.direction * found.at - world;
       for (int c = 0; c < Dim; ++c) result.inverse_displacement.component(c)[site] = static_cast<float>(back[c]);
-      consistency[site] = found.missing.norm();
+      consistency[site] = std::sqrt(found.square);
     });
+  }
   const auto middle = consistency.begin() + static_cast<std::ptrdiff_t>(consistency.size() / 2);
   std::nth_element(consistency.begin(), middle, consistency.end());
   result.summary.inverse_consistency_mm = *middle;
 
-  // Central differences along the grid axes (one-sided at the border), as ITK and the usual scorers take them.
-  result.jacobian = Volume<Dim>(fixed);
-  const std::size_t sites = fixed_lattice.sites();
-#pragma omp parallel for schedule(static)
-  for (int slab = 0; slab < fixed_lattice.size[Dim - 1]; ++slab)
-    visit_slab<Dim>(fixed_lattice, slab, [&](const Index<Dim>& index, std::size_t site) {
-      Matrix<Dim> along_axes;
-      std::size_t stride = 1;
-      for (int axis = 0; axis < Dim; ++axis) {
-        const int extent = fixed_lattice.size[axis];
-        const std::size_t low = index[axis] > 0 ? site - stride : site,
-                          high = index[axis] + 1 < extent ? site + stride : site;
-        const double span = fixed_lattice.spacing[axis] * ((high - low) / stride);
-        for (int c = 0; c < Dim; ++c)
-          along_axes(c, axis) =
-              span > 0 ? (result.displacement.component(c)[high] - result.displacement.component(c)[low]) / span : 0.0;
-        stride *= static_cast<std::size_t>(extent);
-      }
-      result.jacobian.samples[site] =
-          static_cast<float>((Matrix<Dim>::Identity() + along_axes * fixed.direction.transpose()).determinant());
-    });
+  result.jacobian = jacobian_determinant(result.displacement);
   result.summary.min_jacobian = *std::min_element(result.jacobian.samples.begin(), result.jacobian.samples.end());
   result.summary.share_jacobian_not_positive =
       static_cast<double>(std::count_if(result.jacobian.samples.begin(), result.jacobian.samples.end(),
                                         [](float j) { return j <= 0; })) /
-      static_cast<double>(sites);
+      static_cast<double>(result.jacobian.samples.size());
 
   FramedImage<Dim, float> image{moving_lattice, input.moving.samples, frame_to_index(input).linear,
                                 frame_to_index(input).offset};
