@@ -82,7 +82,7 @@ RegistrationOptions default_options(Model model, SimilarityType similarity, Pres
   // range for standard deviation, 1 - c of ncc is about ssd / (2 d^2): ten times ssd.
   switch (similarity) {
     case SimilarityType::Ssd:
-      o.momenta.regularisation = 3e-6;
+      o.momenta.regularisation = 0;
       o.momenta.first_order_regularisation = 1e-6;
       o.momenta.reweighted_rounds = 2;
       o.momenta.sparsity = 4e-4;

@@ -253,7 +253,8 @@ const std::vector<Parameter>& parameters() {
           "the next coarser",
           [](O & o) -> auto& { return o.momenta.finest_scale; }),
       real(
-          "regularisation", "per mm^2", 0, Lower::Exclusive, inf, "weight of the order-0 part of the energy",
+          "regularisation", "per mm^2", 0, Lower::Inclusive, inf,
+          "weight of the order-0 part of the energy; 0: by similarity, with ssd 3e-6 in 2-D and 1e-6 in 3-D",
           [](O & o) -> auto& { return o.momenta.regularisation; }),
       integer(
           "first_order_scales", "", 0, 8, "number of order-1 scales; 0 leaves order 1 out",

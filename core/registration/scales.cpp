@@ -82,6 +82,10 @@ RegistrationOptions resolved(const RegistrationOptions& options, const Lattice<D
       scale = std::max(scale, 1);
     o.momenta.finest_scale = std::min(scale, o.pyramid.levels - 1);
   }
+  if (o.momenta.regularisation == 0)
+    o.momenta.regularisation = o.similarity == SimilarityType::Ssd
+                                   ? (Dim == 2 ? 3e-6 : 1e-6)
+                                   : default_options(o.model, o.similarity, o.preset).momenta.regularisation;
   if (o.momenta.first_order_finest_scale < 0) o.momenta.first_order_finest_scale = finest;
   const LeastPromise least = least_promise(o.similarity, Dim);
   const auto settle = [](double& all, double& on_finest, double least_of_all, double least_on_finest) {

@@ -6,6 +6,7 @@
 #include <limits>
 #include <ostream>
 
+#include "core/registration/scales.h"
 #include "tests/benchmark/layered_scene.h"
 #include "tests/benchmark/measure.h"
 #include "tests/benchmark/precision.h"
@@ -267,6 +268,7 @@ void add_machine(Run& run) {
       options.momenta.finest_scale = options.momenta.first_order_finest_scale = 0;
       options.momenta.orientations = 0;  // one round from a given start: nothing is turned
       options.optimisation.max_iterations = 20;
+      options = resolved(options, Lattice<2>{{64, 64}, {1, 1}, {}});
       return compare_precision<2>(name, pair_of<2>(phantom), options);
     });
   }

@@ -30,6 +30,7 @@ TEST(MatchingObjective, TakesTheDivergencePenaltyOverTimeByTheTrapezoidalRule) {
   MatchingLevel<2, double> level = waves();
   level.evolution = Evolution::Exact;
   RegistrationOptions options = default_options(Model::Gaussian, SimilarityType::Ssd, Preset::Balanced);
+  options.momenta.regularisation = 3e-6;
   options.momenta.width_voxels = 4;
   options.momenta.scales = 1;
   options.momenta.finest_scale = 0;
@@ -69,6 +70,7 @@ TEST(MatchingObjective, WarpsWithTheMapOfACoarserFlow) {
   omp_set_num_threads(1);
   const MatchingLevel<2, double> level = waves();
   RegistrationOptions options = default_options(Model::Gaussian, SimilarityType::Ssd, Preset::Balanced);
+  options.momenta.regularisation = 3e-6;
   options.momenta.width_voxels = 6;
   options.momenta.scales = 1;
   options.momenta.finest_scale = 0;
@@ -114,6 +116,7 @@ TEST(MatchingObjective, GivesNoGradientToWhatIsNoShear) {
   omp_set_num_threads(1);
   MatchingLevel<2, double> level = waves();
   RegistrationOptions options = default_options(Model::Wendland1, SimilarityType::Ssd, Preset::Balanced);
+  options.momenta.regularisation = 3e-6;
   options.momenta.width_voxels = 4;
   options.momenta.scales = options.momenta.first_order_scales = 1;
   options.momenta.finest_scale = options.momenta.first_order_finest_scale = 0;

@@ -82,6 +82,25 @@ TEST(ResolvedOptions, AskOfFirstOrdersWhatWasMeasured) {
   EXPECT_EQ(momenta.first_order_finest_shear, 0.75);
 }
 
+// core/README.md, "Regularisation": only with ssd is another weight better in space than in a plane.
+TEST(ResolvedOptions, RegulariseLessInSpaceWithSsd) {
+  const auto in_plane = [](const RegistrationOptions& o) { return resolved(o, plane(1)).momenta.regularisation; };
+  const auto in_space = [](const RegistrationOptions& o) { return resolved(o, block(1)).momenta.regularisation; };
+  EXPECT_EQ(in_plane(automatic(SimilarityType::Ssd)), 3e-6);
+  EXPECT_EQ(in_space(automatic(SimilarityType::Ssd)), 1e-6);
+  RegistrationOptions asked = automatic(SimilarityType::Ssd);
+  asked.momenta.regularisation = 2e-5;
+  EXPECT_EQ(in_space(asked), 2e-5);
+  for (const SimilarityType similarity : {SimilarityType::Lncc, SimilarityType::Ncc, SimilarityType::Mi}) {
+    const RegistrationOptions by_default = automatic(similarity);
+    RegistrationOptions zero = by_default;
+    zero.momenta.regularisation = 0;
+    EXPECT_GT(by_default.momenta.regularisation, 0);
+    EXPECT_EQ(in_space(zero), by_default.momenta.regularisation);
+    EXPECT_EQ(in_plane(by_default), by_default.momenta.regularisation);
+  }
+}
+
 // Header: what is resolved stays as it is when resolved again, whatever the noise is said to be then.
 TEST(ResolvedOptions, StayWhenResolvedAgain) {
   for (const Preset preset : {Preset::Fast, Preset::Balanced, Preset::Accurate})
