@@ -126,6 +126,15 @@ Vector<Dim> forward_guess(const Lattice<Dim>& lattice, const std::vector<Field<T
 }
 
 template <int Dim, class T>
+void move_forward(const Lattice<Dim>& points, const Lattice<Dim>& lattice, const std::vector<Field<T>>& velocities,
+                  Field<T>& moved) {
+  const int time_steps = static_cast<int>(velocities.size()) - 1;
+  for (int k = 0; k < time_steps; ++k)
+    advance_heun<Dim, T>(points, moved.data(), lattice, velocities[k].data(), velocities[k + 1].data(),
+                         T(1) / static_cast<T>(time_steps), moved.data());
+}
+
+template <int Dim, class T>
 Vector<Dim> forward_point(const Lattice<Dim>& lattice, const std::vector<Field<T>>& velocities,
                           const Vector<Dim>& start) {
   constexpr int kMostRounds = 12;
@@ -172,6 +181,8 @@ template class BackwardMap<3, double>;
 #define SALTUS_FORWARD(DIM, T)                                                                                       \
   template Vector<DIM> forward_guess<DIM, T>(const Lattice<DIM>&, const std::vector<Field<T>>&, const Vector<DIM>&); \
   template Vector<DIM> forward_point<DIM, T>(const Lattice<DIM>&, const std::vector<Field<T>>&, const Vector<DIM>&); \
+  template void move_forward<DIM, T>(const Lattice<DIM>&, const Lattice<DIM>&, const std::vector<Field<T>>&,         \
+                                     Field<T>&);                                                                     \
   template double map_error<DIM, T>(const Lattice<DIM>&, const std::vector<Field<T>>&);                              \
   template Field<T> backward_map<DIM, T>(const Lattice<DIM>&, const Lattice<DIM>&, const std::vector<Field<T>>&);    \
   template Field<T> forward_map<DIM, T>(const Lattice<DIM>&, const Lattice<DIM>&, const std::vector<Field<T>>&);

@@ -51,6 +51,12 @@ template <int Dim, class T>
 Vector<Dim> forward_guess(const Lattice<Dim>& velocity_lattice, const std::vector<Field<T>>& velocities,
                           const Vector<Dim>& start);
 
+/// The same for all sites x of a lattice from where `moved` (mm by site) has brought them: x + moved goes from y to
+/// forward_guess(y).
+template <int Dim, class T>
+void move_forward(const Lattice<Dim>& points, const Lattice<Dim>& velocity_lattice,
+                  const std::vector<Field<T>>& velocities, Field<T>& moved);
+
 /// phi_1(y) - y on the sites of a lattice, mm.
 template <int Dim, class T>
 Field<T> forward_map(const Lattice<Dim>& points, const Lattice<Dim>& velocity_lattice,

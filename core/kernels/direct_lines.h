@@ -181,6 +181,14 @@ void convolve_axis_directly(const Lattice<Dim>& lattice, int channels, int axis,
       std::size_t first = 0, last = count;
       while (first < last && is_all_zero(rows + first * lanes, width)) ++first;
       while (last > first && is_all_zero(rows + (last - 1) * lanes, width)) --last;
+      // The next strip is asked for while this one is summed: rows so far apart are foreseen by no machine.
+      const std::size_t next = s + 1 < outer * strips_a_slab ? (s + 1) / strips_a_slab * slab + (s + 1) % strips_a_slab * lanes : at;
+      const auto ask_for = [&](std::size_t row) {
+        for (std::size_t i = 0; i < lanes; i += 64 / sizeof(T)) {
+          __builtin_prefetch(in + next + row * inner + i);
+          __builtin_prefetch(out + next + row * inner + i, 1);
+        }
+      };
       const std::size_t begin = first < last ? first - std::min(first, radius) : 0;
       const std::size_t end = first < last ? std::min(count, last + radius) : 0;
       for (std::size_t i = 0; i < width; i += kSums / kRows * kRegisterLanes<T>) {
@@ -191,7 +199,11 @@ void convolve_axis_directly(const Lattice<Dim>& lattice, int channels, int axis,
                                                          out + at + row * inner + i, inner);
           };
           std::size_t row = begin;
-          for (; row + kRows <= end; row += kRows) sum_rows(std::integral_constant<int, kRows>(), row);
+          for (; row + kRows <= end; row += kRows) {
+            if (i == 0)
+              for (std::size_t r = 0; r < kRows; ++r) ask_for(row + r);
+            sum_rows(std::integral_constant<int, kRows>(), row);
+          }
           for (; row < end; ++row) sum_rows(std::integral_constant<int, 1>(), row);
         });
       }

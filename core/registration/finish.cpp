@@ -1,8 +1,8 @@
 #include "core/registration/finish.h"
 
-#include "core/evaluation/jacobian.h"
 #include "core/flow/backward_map.h"
 #include "core/grid/interpolation.h"
+#include "core/grid/jacobian_determinant.h"
 
 #include <Eigen/LU>
 
@@ -91,6 +91,63 @@ class Undoing {
   double close_;
 };
 
+/// Fills the inverse displacement and the summary's consistency. It starts at moving voxels: y -> frame point A^-1 y,
+/// forward with the flow, to where `backward` leads back to it, back to world.
+template <int Dim>
+void write_inverse(const RegistrationInput<Dim>& input, const Lattice<Dim>& lattice,
+                   const std::vector<Field<float>>& velocities, const Field<float>& backward,
+                   RegistrationResult<Dim>& result) {
+  const ImageGrid<Dim>&fixed = input.fixed.grid, &moving = input.moving.grid;
+  const Lattice<Dim> moving_lattice = lattice_of(moving);
+  const Matrix<Dim> inverse = input.start.linear.inverse();
+  const auto world_of = [&](const Index<Dim>& index) {
+    Vector<Dim> at;
+    for (int c = 0; c < Dim; ++c) at[c] = index[c];
+    return moving.to_world(at);
+  };
+  const auto frame_of = [&](const Vector<Dim>& moving_world) -> Vector<Dim> {
+    return fixed.direction.transpose() * (inverse * (moving_world - input.start.offset) - fixed.origin);
+  };
+  const auto site_of = [&](const Index<Dim>& index) {
+    Vector<Dim> at;
+    for (int c = 0; c < Dim; ++c) at[c] = moving_lattice.offset[c] + index[c] * moving_lattice.spacing[c];
+    return at;
+  };
+  Field<float> moved(Dim * moving_lattice.sites());  // from the moving image's own sites
+#pragma omp parallel for schedule(static)
+  for (int slab = 0; slab < moving_lattice.size[Dim - 1]; ++slab)
+    visit_slab<Dim>(moving_lattice, slab, [&](const Index<Dim>& index, std::size_t site) {
+      const Vector<Dim> apart = frame_of(world_of(index)) - site_of(index);
+      for (int c = 0; c < Dim; ++c) moved[Dim * site + c] = static_cast<float>(apart[c]);
+    });
+  move_forward<Dim, float>(moving_lattice, lattice, velocities, moved);
+
+  result.inverse_displacement = VectorVolume<Dim>(moving);
+  std::array<float*, Dim> inverse_displacement;
+  for (int c = 0; c < Dim; ++c) inverse_displacement[c] = result.inverse_displacement.component(c);
+  const Undoing<Dim> undoing(lattice_of(fixed), backward);
+  std::vector<double> consistency(moving_lattice.sites());
+#pragma omp parallel for schedule(static)
+  for (int slab = 0; slab < moving_lattice.size[Dim - 1]; ++slab)
+    visit_slab<Dim>(moving_lattice, slab, [&](const Index<Dim>& index, std::size_t site) {
+      const Vector<Dim> world = world_of(index), start = frame_of(world);
+      Vector<Dim> guess = site_of(index);
+      for (int c = 0; c < Dim; ++c) guess[c] += moved[Dim * site + c];
+      Undone<Dim> found = undoing.of(start, guess);
+      // Where that finds no way, across a fold or a jump, the flow is undone step by step first.
+      if (!undoing.is_close(found)) {
+        const Undone<Dim> other = undoing.of(start, forward_point<Dim, float>(lattice, velocities, start));
+        if (other.square < found.square) found = other;
+      }
+      const Vector<Dim> back = fixed.origin + fixed.direction * found.at - world;
+      for (int c = 0; c < Dim; ++c) inverse_displacement[c][site] = static_cast<float>(back[c]);
+      consistency[site] = std::sqrt(found.square);
+    });
+  const auto middle = consistency.begin() + static_cast<std::ptrdiff_t>(consistency.size() / 2);
+  std::nth_element(consistency.begin(), middle, consistency.end());
+  result.summary.inverse_consistency_mm = *middle;
+}
+
 }  // namespace
 
 template <int Dim>
@@ -116,47 +173,7 @@ Field<float> write_fields(const RegistrationInput<Dim>& input, const Lattice<Dim
       for (int c = 0; c < Dim; ++c) result.displacement.component(c)[site] = static_cast<float>(moved[c]);
     });
 
-  // The inverse starts at moving voxels: y -> frame point A^-1 y, forward with the flow, back to world.
-  result.inverse_displacement = VectorVolume<Dim>(moving);
-  const Matrix<Dim> inverse = input.start.linear.inverse();
-  const auto frame_of = [&](const Vector<Dim>& moving_world) -> Vector<Dim> {
-    return fixed.direction.transpose() * (inverse * (moving_world - input.start.offset) - fixed.origin);
-  };
-  const Undoing<Dim> undoing(fixed_lattice, backward);
-  std::vector<double> consistency(moving_lattice.sites());
-#pragma omp parallel for schedule(static)
-  for (int slab = 0; slab < moving_lattice.size[Dim - 1]; ++slab) {
-    const Vector<Dim> still = Vector<Dim>::Zero();
-    Vector<Dim> shift = still, change = still;  // of the voxel before in the row, and by how much that was more
-    int known = 0;                              // of these two
-    visit_slab<Dim>(moving_lattice, slab, [&](const Index<Dim>& index, std::size_t site) {
-      Vector<Dim> at;
-      for (int c = 0; c < Dim; ++c) at[c] = index[c];
-      const Vector<Dim> world = moving.to_world(at), start = frame_of(world);
-      // Neighbours in a row are found from each other; the first of a row, and those across a fold or a jump, by the
-      // flow, and where that finds no way by undoing it step by step.
-      if (index[0] == 0) known = 0;
-      const bool is_alone = known == 0;
-      Undone<Dim> found = undoing.of(start, is_alone ? forward_guess<Dim, float>(lattice, velocities, start)
-                                                     : Vector<Dim>(start + shift + (known > 1 ? change : still)));
-      const auto try_from = [&](const Vector<Dim>& first) {
-        const Undone<Dim> other = undoing.of(start, first);
-        if (other.square < found.square) found = other;
-      };
-      if (!is_alone && !undoing.is_close(found)) try_from(forward_guess<Dim, float>(lattice, velocities, start));
-      if (!undoing.is_close(found)) try_from(forward_point<Dim, float>(lattice, velocities, start));
-      change = found.at - start - shift;
-      shift = found.at - start;
-      known = undoing.is_close(found) ? std::min(known + 1, 2) : 0;
-      const Vector<Dim> back = fixed.origin + fixed.direction * found.at - world;
-      for (int c = 0; c < Dim; ++c) result.inverse_displacement.component(c)[site] = static_cast<float>(back[c]);
-      consistency[site] = std::sqrt(found.square);
-    });
-  }
-  const auto middle = consistency.begin() + static_cast<std::ptrdiff_t>(consistency.size() / 2);
-  std::nth_element(consistency.begin(), middle, consistency.end());
-  result.summary.inverse_consistency_mm = *middle;
-
+  write_inverse(input, lattice, velocities, backward, result);
   result.jacobian = jacobian_determinant(result.displacement);
   result.summary.min_jacobian = *std::min_element(result.jacobian.samples.begin(), result.jacobian.samples.end());
   result.summary.share_jacobian_not_positive =

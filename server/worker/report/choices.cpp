@@ -53,7 +53,7 @@ std::string measured_from(const std::string& name, const ReportInput<Dim>& input
   }
   if (name == "kernel_widths") return "from the model, the similarity and the noise on the finest level";
   if (name == "regularisation" ||
-      name.starts_with("first_order_") && (name.ends_with("gain") || name.ends_with("shear")))
+      (name.starts_with("first_order_") && (name.ends_with("gain") || name.ends_with("shear"))))
     return "from the similarity and the dimension, for which it was measured";
   if (name == "sparsity") return "from the noise on the finest level (sparsity_noise)";
   return "from the levels";

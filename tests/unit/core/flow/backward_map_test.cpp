@@ -139,6 +139,23 @@ TEST(BackwardMap, IsUndoneByTheForwardMapInAShearLayer) {
     });
 }
 
+// Oracle: point by point.
+TEST(MoveForward, TakesWhatWasMovedToWherePointsGo) {
+  const auto velocities =
+      nodes(3, [](const Vector<2>& x, double t) { return Vector<2>(0.3 * x[1] + t, -0.2 * x[0] + 0.1 * x[1]); });
+  Field<double> moved = random_values(2 * kPoints.sites(), 12);
+  const Field<double> before = moved;
+  move_forward<2, double>(kPoints, kGrid, velocities, moved);
+  for (int slab = 0; slab < kPoints.size[1]; ++slab)
+    visit_slab<2>(kPoints, slab, [&](const Index<2>& i, std::size_t site) {
+      const Vector<2> rest(i[0] * 1.3 - 5.2, i[1] * 1.3 - 5.2);
+      const Vector<2> expected =
+          forward_guess<2, double>(kGrid, velocities, rest + Vector<2>(before[2 * site], before[2 * site + 1]));
+      for (int c = 0; c < 2; ++c) EXPECT_NEAR(rest[c] + moved[2 * site + c], expected[c], 1e-12);
+      EXPECT_GT((expected - rest).norm(), 0.01);
+    });
+}
+
 TEST(BackwardMap, IsExactForASteadyTranslation) {
   const auto v = nodes(3, [](const Vector<2>&, double) { return Vector<2>(2.5, -1.25); });
   for_points(BackwardMap<2, double>(kPoints, kGrid, 3).follow(v),

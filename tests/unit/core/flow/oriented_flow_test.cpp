@@ -147,6 +147,40 @@ class Experiment {
   std::vector<double> velocity_;
 };
 
+// What is known of where elements begin is not kept beyond its time.
+TEST(OrientedFlow, BeginsWhereElementsAreNow) {
+  OrientedOptions<2> options;
+  options.lattice = {{30, 30}, {1, 1}, {}};
+  options.normals = spread_normals<2>(8);
+  options.width_mm = 6;
+  using Oriented = OrientedMomenta<2, double>;
+  Oriented momenta(options);
+  OrientedFlow<2, double> flow(momenta, options.lattice, 1);
+  const std::size_t sites = options.lattice.sites();
+  const std::vector<std::uint32_t> one = {static_cast<std::uint32_t>(sites + 15 * 30 + 15)},
+                                   other = {static_cast<std::uint32_t>(sites + 15 * 30 + 16)};
+  const double value = 1;
+  const auto begun = [&](const std::vector<std::uint32_t>& elements) {
+    std::vector<double> made(2 * sites, 0.0), expected(2 * sites, 0.0), corners;
+    flow.begin(&elements, &value);
+    flow.add_velocity(0, made.data());
+    momenta.place(elements, corners);
+    momenta.add_velocity(elements, corners.data(), &value, expected.data());
+    EXPECT_EQ(made, expected);
+    return made;
+  };
+  const std::vector<double> first = begun(one);
+  EXPECT_NE(begun(other), first);
+  EXPECT_EQ(begun(one), first);
+  std::vector<double> normals(2 * sites, 0.0);
+  const Vector<2> tilted = (options.normals[1] + 0.1 * options.normals[0]).normalized();
+  for (int c = 0; c < 2; ++c) normals[2 * (15 * 30 + 15) + c] = tilted[c];
+  momenta.turn(normals);
+  EXPECT_NE(begun(one), first);
+  momenta.turn({});
+  EXPECT_EQ(begun(one), first);
+}
+
 double relative_difference(const std::vector<double>& a, const std::vector<double>& b) {
   double square = 0, all = 0;
   for (std::size_t i = 0; i < a.size(); ++i) {

@@ -74,6 +74,28 @@ TEST(LinearCell, HasTheGradientOfItsValue) {
   }
 }
 
+// Oracle: one component at a time. In 3-D three components are taken in another way than one.
+TEST(LinearCell, GivesValueAndSlopesOfAllComponents) {
+  for (const Index<3>& size : {Index<3>{5, 4, 3}, {5, 1, 3}, {5, 4, 1}, {1, 4, 3}}) {
+    Lattice<3> lattice = kLattice;
+    lattice.size = size;
+    const std::vector<double> field = random_values(3 * lattice.sites(), 6);
+    for (const std::array<double, 3>& at :
+         {std::array{0.2, 0.7, 0.5}, {3.9, 2.1, 1.01}, {1.5, 1.5, -2.0}, {-1.0, 2.5, 1.5}, {2.0, 9.0, 2.0}}) {
+      const LinearCell<3, double> cell(lattice, at);
+      std::array<std::array<double, 3>, 3> slopes;
+      const auto value = cell.value_and_slopes<3>(field.data(), slopes);
+      for (int c = 0; c < 3; ++c) {
+        std::vector<double> component;
+        for (std::size_t site = 0; site < lattice.sites(); ++site) component.push_back(field[3 * site + c]);
+        EXPECT_NEAR(value[c], cell.value<1>(component.data())[0], 1e-14);
+        const auto gradient = cell.pulled_back_gradient<1>(component.data(), {1.0});
+        for (int axis = 0; axis < 3; ++axis) EXPECT_NEAR(slopes[c][axis], gradient[axis], 1e-14) << c << axis;
+      }
+    }
+  }
+}
+
 TEST(LinearCell, ReadsAnAxisOfOneSample) {
   const Lattice<2> line{{3, 1}, {1, 1}, {}};
   const std::vector<double> field = {1, 2, 4};

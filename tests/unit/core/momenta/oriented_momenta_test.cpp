@@ -23,11 +23,12 @@ namespace {
 template <int Dim>
 using Vec = Eigen::Matrix<double, Dim, 1>;
 
+/// Rows are long enough for whole lanes, and elements wide enough along them for more than one.
 template <int Dim>
 Lattice<Dim> small_lattice() {
   Lattice<Dim> lattice;
-  const int size[3] = {14, 13, 9};
-  const double spacing[3] = {1.0, 1.3, 1.6};
+  const int size[3] = {43, 13, 9};
+  const double spacing[3] = {0.3, 1.3, 1.6};
   for (int axis = 0; axis < Dim; ++axis) {
     lattice.size[axis] = size[axis];
     lattice.spacing[axis] = spacing[axis];
