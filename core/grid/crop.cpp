@@ -48,7 +48,8 @@ Volume<Dim> crop(const Volume<Dim>& image, const std::type_identity_t<Index<Dim>
   }
   grid.origin = image.grid.to_world(corner);
 
-  Volume<Dim> box(grid);
+  Volume<Dim> box;
+  box.grid = grid;
   box.samples = samples_in_box<Dim>(image.grid.size, image.samples, begin, end);
   return box;
 }

@@ -198,11 +198,11 @@ struct LinearCell {
     }
     [[gnu::always_inline]] std::array<T, 3> gradient(const LinearCell& cell, const std::array<T, 3>& dual) const {
       const auto along = slopes(cell);
-      std::array<T, 3> sums;
-      for (int axis = 0; axis < 3; ++axis)
-        sums[axis] =
-            cell.slope[axis] * (dual[0] * along[axis][0] + dual[1] * along[axis][1] + dual[2] * along[axis][2]);
-      return sums;
+      const auto with_dual = [&](const std::array<T, 3>& v) {
+        return dual[0] * v[0] + dual[1] * v[1] + dual[2] * v[2];
+      };
+      return {cell.slope[0] * with_dual(along[0]), cell.slope[1] * with_dual(along[1]),
+              cell.slope[2] * with_dual(along[2])};
     }
   };
   [[gnu::always_inline]] Rows rows_of(const T* field) const {

@@ -182,7 +182,8 @@ void convolve_axis_directly(const Lattice<Dim>& lattice, int channels, int axis,
       while (first < last && is_all_zero(rows + first * lanes, width)) ++first;
       while (last > first && is_all_zero(rows + (last - 1) * lanes, width)) --last;
       // The next strip is asked for while this one is summed: rows so far apart are foreseen by no machine.
-      const std::size_t next = s + 1 < outer * strips_a_slab ? (s + 1) / strips_a_slab * slab + (s + 1) % strips_a_slab * lanes : at;
+      const std::size_t next =
+          s + 1 < outer * strips_a_slab ? (s + 1) / strips_a_slab * slab + (s + 1) % strips_a_slab * lanes : at;
       const auto ask_for = [&](std::size_t row) {
         for (std::size_t i = 0; i < lanes; i += 64 / sizeof(T)) {
           __builtin_prefetch(in + next + row * inner + i);

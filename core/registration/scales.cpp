@@ -3,6 +3,7 @@
 #include "core/grid/noise.h"
 #include "core/momenta/directional_momentum.h"
 #include "core/momenta/spread_normals.h"
+#include "core/support/errors.h"
 
 #include <algorithm>
 #include <cmath>
@@ -133,6 +134,9 @@ template <int Dim, class T>
 std::vector<PlacedScale<Dim, T>> make_scales(const Lattice<Dim>& image, const RegistrationOptions& options,
                                              const Field<double>& directions) {
   const RegistrationOptions::Momenta& momenta = options.momenta;
+  if (!(momenta.regularisation > 0))
+    throw InvalidInput(
+        "regularisation is 0, which is to be chosen for an image; take the options that are resolved for it");
   const double reference = *std::min_element(image.spacing.begin(), image.spacing.end());
   const bool gaussian = is_zeroth_gaussian(options.model);
   const auto is_at = [](int q, int finest, int count) { return q >= finest && q < finest + count; };
