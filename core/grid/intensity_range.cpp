@@ -12,11 +12,9 @@ IntensityRange intensity_range(std::size_t sites, const T* image, const T* weigh
   for (std::size_t i = 0; i < sites; ++i)
     if (!weights || weights[i] > 0) seen.push_back(image[i]);
   if (seen.empty()) return {};
-  auto end = seen.end();
-  const auto percentile = [&](double share) {  // the higher first: what is above it need not be looked at again
+  const auto percentile = [&](double share) {
     const auto at = seen.begin() + static_cast<std::ptrdiff_t>(share * static_cast<double>(seen.size() - 1));
-    if (at != end) std::nth_element(seen.begin(), at, end);
-    end = at;
+    std::nth_element(seen.begin(), at, seen.end());
     return static_cast<double>(*at);
   };
   const double high = percentile(0.99), low = percentile(0.01);

@@ -182,12 +182,13 @@ void convolve_axis_directly(const Lattice<Dim>& lattice, int channels, int axis,
       while (first < last && is_all_zero(rows + first * lanes, width)) ++first;
       while (last > first && is_all_zero(rows + (last - 1) * lanes, width)) --last;
       // The next strip is asked for while this one is summed: rows so far apart are foreseen by no machine.
-      const std::size_t next =
-          s + 1 < outer * strips_a_slab ? (s + 1) / strips_a_slab * slab + (s + 1) % strips_a_slab * lanes : at;
+      const std::size_t next = s + 1, next_in_slab = next % strips_a_slab * lanes;
+      const std::size_t next_at = next / strips_a_slab * slab + next_in_slab;
+      const std::size_t next_width = next < outer * strips_a_slab ? std::min(lanes, inner - next_in_slab) : 0;
       const auto ask_for = [&](std::size_t row) {
-        for (std::size_t i = 0; i < lanes; i += 64 / sizeof(T)) {
-          __builtin_prefetch(in + next + row * inner + i);
-          __builtin_prefetch(out + next + row * inner + i, 1);
+        for (std::size_t i = 0; i < next_width; i += 64 / sizeof(T)) {
+          __builtin_prefetch(in + next_at + row * inner + i);
+          __builtin_prefetch(out + next_at + row * inner + i, 1);
         }
       };
       const std::size_t begin = first < last ? first - std::min(first, radius) : 0;

@@ -458,12 +458,8 @@ double OrientedMomenta<Dim, T>::penalty(const std::vector<Element>& elements, co
           const T* values = scratch_.data() + kComponents * static_cast<std::size_t>(lattice.size[0]) * row;
           const T* taps = orientation.gram.data() + static_cast<std::size_t>(2 * orientation.reach[0] + 1) * tap +
                           (orientation.reach[0] - at[0]);
-          for (int j = 0; j < kComponents; ++j) {
-            T of_row = 0;
-#pragma omp simd reduction(+ : of_row)
-            for (int x = low[0]; x < high[0]; ++x) of_row += taps[x] * values[kComponents * x + j];
-            sum[j] += of_row;
-          }
+          for (int x = low[0]; x < high[0]; ++x)
+            for (int j = 0; j < kComponents; ++j) sum[j] += taps[x] * values[kComponents * x + j];
         }
       for (int j = 0; j < kComponents; ++j) {
         gradient[kComponents * e + j] += sum[j];

@@ -51,7 +51,7 @@ struct RegistrationOptions {
                             ///< where order 0 is Gaussian and the similarity not ssd at least 1 in 2-D, and in 3-D
                             ///< where accurate takes voxels of up to 1.5 mm; -2: the next coarser
     double regularisation = 0.01;              ///< weight of 1/2 ||v_0||^2, per mm^2; 0: by similarity, and with ssd
-                                               ///< less in 3-D, where a kernel averages the noise of more voxels
+                                               ///< less in 3-D, as measured (core/README.md, "Regularisation")
     int first_order_scales = 0;                ///< number of order-1 scales; 0 leaves order 1 out
     int first_order_finest_scale = -1;         ///< as finest_scale, for order 1 (-1 or more)
     double first_order_regularisation = 0.01;  ///< weight of 1/2 ||v_i||^2, per mm^2

@@ -70,14 +70,14 @@ std::vector<Choice> choices(const ReportInput<Dim>& input) {
   for (const ParameterInfo& asked : list_parameters(*input.options)) {
     const auto in_use = used.find(asked.name), by_default = defaults.find(asked.name);
     const bool is_set = by_default != defaults.end() && by_default->second != asked.value;
-    const bool is_filled_in = in_use != used.end() && in_use->second != asked.value;
-    if (asked.name == "sparsity_noise" && !is_set) continue;  // what follows it says so
+    const bool is_filled_in = in_use != used.end() && in_use->second != asked.value &&
+                              asked.name != "sparsity_noise";  // used up: what follows it says so
     if (asked.name == "width_voxels" && !is_set && !has_one_width) continue;
     if (is_set)
       found.push_back(
           {asked.name, asked.value, asked.unit, "set by the job; the default is " + by_default->second, true});
-    if (is_set && asked.name == "sparsity" && is_filled_in)
-      found.push_back({"sparsity in use", in_use->second, asked.unit, measured_from(asked.name, input), false});
+    if (is_set && is_filled_in)
+      found.push_back({asked.name + " in use", in_use->second, asked.unit, measured_from(asked.name, input), false});
     else if (!is_set && is_filled_in)
       found.push_back({asked.name, in_use->second, asked.unit, measured_from(asked.name, input), false});
   }

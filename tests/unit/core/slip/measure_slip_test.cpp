@@ -194,10 +194,8 @@ void expect_the_interface(const Slip& slip, double extent) {
   EXPECT_NEAR(found.area, extent, 0.05 * extent);
   EXPECT_NEAR(summarise(main).jump_mean_mm, found.true_jump, 0.12 * found.true_jump);
   EXPECT_LT(found.gap, 0.35);
-  // Area alone says little of what is elsewhere, which slides by a third: 0.07 to 0.13 of it for a twentieth more or
-  // less regularisation, of the sliding 0.02 to 0.04.
+  EXPECT_GT(found.area, 0.9 * summarise(surface).area) << "what is elsewhere is little";
   const auto sliding = [](const SlipSurface<2>& of) { return summarise(of).area * summarise(of).jump_mean_mm; };
-  EXPECT_GT(found.area, 0.8 * summarise(surface).area) << "what is elsewhere is little";
   EXPECT_GT(sliding(main), 0.95 * sliding(surface)) << "what slides elsewhere is little";
 }
 

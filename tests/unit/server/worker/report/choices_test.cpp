@@ -78,11 +78,24 @@ TEST(Choices, TellTheSparsityThatNoiseMakes) {
             Lines{"0.1375" + from_noise});
   EXPECT_EQ(said_of("sparsity_noise", Model::Auto, SimilarityType::Lncc, {{"sparsity_noise", "0.06"}}),
             Lines{"0.06 (set by the job; the default is 0.04)"});
+  EXPECT_THAT(said_of("sparsity_noise in use", Model::Auto, SimilarityType::Lncc, {{"sparsity_noise", "0.06"}}),
+              IsEmpty());
   EXPECT_EQ(said_of("sparsity", Model::Auto, SimilarityType::Lncc, {{"sparsity_noise", "0.06"}}),
             Lines{"0.0625" + from_noise});
   for (const char* name : {"sparsity", "sparsity in use", "sparsity_noise"})
     EXPECT_THAT(said_of(name, Model::Auto, SimilarityType::Ssd), IsEmpty()) << name;
   EXPECT_THAT(said_of("sparsity_noise", Model::Auto, SimilarityType::Lncc), IsEmpty());
+}
+
+// 0 is not what is used, and a report must not read as if it were.
+TEST(Choices, TellTheRegularisationInUse) {
+  const std::string measured = " (from the similarity and the dimension, for which it was measured)";
+  EXPECT_EQ(said_of("regularisation", Model::Auto, SimilarityType::Ssd), Lines{"1e-06" + measured});
+  EXPECT_THAT(said_of("regularisation", Model::Auto, SimilarityType::Lncc), IsEmpty());
+  EXPECT_EQ(said_of("regularisation in use", Model::Auto, SimilarityType::Lncc, {{"regularisation", "0"}}),
+            Lines{"0.0001" + measured});
+  EXPECT_THAT(said_of("regularisation in use", Model::Auto, SimilarityType::Ssd, {{"regularisation", "0.001"}}),
+              IsEmpty());
 }
 
 TEST(Choices, TellOfWhichRangeTheNoiseIsUnlessTheJobGaveIt) {
