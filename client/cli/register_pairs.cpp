@@ -266,7 +266,8 @@ std::string list_progress(const ListProgress& progress) {
   if (progress.jobs == 1)
     text << "pair " << progress.done + progress.running.size() << " of " << progress.count;
   else
-    text << progress.done << " of " << progress.count << " pairs done";
+    text << progress.done - progress.failed << " of " << progress.count << " pairs done";
+  if (progress.jobs > 1 && progress.failed > 0) text << ", " << progress.failed << " failed";
   text << ", " << std::lround(100 * (done + running) / count) << " % of all";
   if (progress.seconds_a_pair >= 0) {
     // Those that wait go side by side too.
@@ -348,17 +349,20 @@ class PairList {
     std::lock_guard lock(mutex_);
     std::erase_if(progress_.running, [&](const RunningPair& one) { return one.name == pair.name; });
     Outcome& outcome = outcomes_[i];
-    display_.finish();
     if (const int code = exit_code_of(job); code == Cancelled) {
       is_cancelled_ = true;
     } else {
       outcome.state = code == Done ? "done" : "failed";
       if (code != Done) outcome.why = job.failure().reason() + ": " + job.failure().message();
       ++progress_.done;
+      progress_.failed += code != Done;
       ++done_now_;
       seconds_ += std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
       progress_.seconds_a_pair = seconds_ / static_cast<double>(done_now_);
+      // Every pair's end is told, however soon the next one's follows.
+      if (request_.jobs > 1) show_all();
     }
+    display_.finish();
     write_summary(outcomes_, request_.out);
   }
 
@@ -373,10 +377,14 @@ class PairList {
       display_.lead(list_progress(progress_) + "; " + pair.name + ": ");
       display_.show(now);
     } else {
-      std::string phase;
-      for (const RunningPair& one : progress_.running) phase += one.name + ' ';
-      display_.show_text(list_progress(progress_), phase);
+      show_all();
     }
+  }
+
+  void show_all() {
+    std::string phase;
+    for (const RunningPair& one : progress_.running) phase += one.name + ' ';
+    display_.show_text(list_progress(progress_), phase);
   }
 
   const std::vector<Pair>& pairs_;

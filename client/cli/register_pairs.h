@@ -65,10 +65,11 @@ struct ListProgress {
   double seconds_a_pair = -1;  ///< mean of those done by now; negative while unknown
   std::size_t jobs = 1;        ///< at the same time
   std::vector<RunningPair> running;
+  std::size_t failed = 0;  ///< of those that are done
 };
 
 /// "pair 3 of 12, 45 % of all, 7:30 min left in all" while one runs, and else "3 of 12 pairs done, 45 % of all, 7:30
-/// min left in all; a 40 %, b 10 %".
+/// min left in all; a 40 %, b 10 %"; "3 of 12 pairs done, 1 failed, ..." when one did.
 std::string list_progress(const ListProgress& progress);
 
 }  // namespace saltus::cli

@@ -76,6 +76,8 @@ TEST(ListProgress, CountsPairsThatRunSideBySide) {
   // 90 s for the slower one of the two that run, then four more of 100 s, two at a time.
   EXPECT_EQ(list_progress({8, 2, 100, 2, {{"b", 0.5, 30}, {"c", 0.1, -1}}}),
             "2 of 8 pairs done, 33 % of all, 4:50 min left in all; b 50 %, c 10 %");
+  EXPECT_EQ(list_progress({8, 2, -1, 2, {{"c", 0.5, 30}, {"d", 0.5, 30}}, 1}),
+            "1 of 8 pairs done, 1 failed, 38 % of all; c 50 %, d 50 %");
 }
 
 }  // namespace
