@@ -1,5 +1,7 @@
 #pragma once
 
+#include "core/support/signs.h"
+
 #include <algorithm>
 #include <cmath>
 
@@ -33,24 +35,39 @@ struct AveragedWendland {
 
   T reach() const { return sigma + half; }
 
-  [[gnu::always_inline]] T rest(T r) const {
-    const T left = T(1) - std::abs(r) * per_sigma;
-    return left > 0 ? left : T(0);  // std::max gives a reference, which no loop in lanes likes
+  /// What is left of 1 at the ends of the cell at r, as all that follows wants it; of a number or a register of them.
+  template <class V>
+  struct Ends {
+    V below, above;  ///< r - h/2 and r + h/2
+    V low, high;     ///< 1 - |.| / sigma there, or 0
+  };
+  template <class V>
+  [[gnu::always_inline]] V rest(V r) const {
+    const V left = T(1) - magnitude(r) * per_sigma;
+    return left > 0 ? left : V{};  // std::max gives a reference, which no loop in lanes likes
   }
-  [[gnu::always_inline]] T value(T r) const {
-    const T low = rest(r - half), high = rest(r + half);
-    return value_scale *
-           (std::copysign(T(1) - high * high * high, r + half) - std::copysign(T(1) - low * low * low, r - half));
+  template <class V>
+  [[gnu::always_inline]] Ends<V> ends(V r) const {
+    const V below = r - half, above = r + half;
+    return {below, above, rest(below), rest(above)};
   }
-  [[gnu::always_inline]] T slope(T r) const {
-    const T low = rest(r - half), high = rest(r + half);
-    return slope_scale * (high - low) * (high + low);
+  template <class V>
+  [[gnu::always_inline]] V value(const Ends<V>& at) const {
+    return value_scale * (with_sign<V>(T(1) - at.high * at.high * at.high, at.above) -
+                          with_sign<V>(T(1) - at.low * at.low * at.low, at.below));
+  }
+  template <class V>
+  [[gnu::always_inline]] V slope(const Ends<V>& at) const {
+    return slope_scale * (at.high - at.low) * (at.high + at.low);
   }
   /// S'(r), where it exists.
-  [[gnu::always_inline]] T slope_derivative(T r) const {
-    const T low = rest(r - half), high = rest(r + half);
-    return T(2) * slope_scale * per_sigma * (std::copysign(low, r - half) - std::copysign(high, r + half));
+  template <class V>
+  [[gnu::always_inline]] V slope_derivative(const Ends<V>& at) const {
+    return T(2) * slope_scale * per_sigma * (with_sign<V>(at.low, at.below) - with_sign<V>(at.high, at.above));
   }
+  T value(T r) const { return value(ends(r)); }
+  T slope(T r) const { return slope(ends(r)); }
+  T slope_derivative(T r) const { return slope_derivative(ends(r)); }
 
   T value_gram(T r) const {
     const auto second = [this](T at) {  // antiderivative of the antiderivative of k0, divided by mass

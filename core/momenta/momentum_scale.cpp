@@ -44,7 +44,7 @@ MomentumScale<Dim, T>::MomentumScale(const MomentumScaleOptions<Dim>& options) :
   for (int k = 0; k < (components_.size() > 1 ? 4 : 3); ++k) scratch_[k].resize(field_size());
   if (!options.normals.empty())
     oriented_ = std::make_unique<OrientedMomenta<Dim, T>>(
-        OrientedOptions<Dim>{options.lattice, options.normals, width, options.first_weight});
+        OrientedOptions<Dim>{options.lattice, options.normals, width, options.first_weight, options.oriented_spacing});
 }
 
 template <int Dim, class T>

@@ -2,6 +2,7 @@
 
 #include "core/support/errors.h"
 #include "core/support/reduction.h"
+#include "core/support/registers.h"
 
 #include <Eigen/Geometry>
 
@@ -105,7 +106,8 @@ OrientedMomenta<Dim, T>::OrientedMomenta(const OrientedOptions<Dim>& options)
     orientation.axes = axes_of<Dim>(normal);
     AveragedWendland<double> exact[Dim];
     for (int k = 0; k < Dim; ++k) {
-      const double cell = cell_along<Dim>(lattice, orientation.axes.row(k).transpose());
+      const double cell =
+          (k == 0 ? 1 : options.spacing) * cell_along<Dim>(lattice, orientation.axes.row(k).transpose());
       exact[k] = AveragedWendland<double>(options_.width_mm, cell);
       orientation.profiles[k] = AveragedWendland<T>(options_.width_mm, cell);
     }
@@ -135,6 +137,26 @@ OrientedMomenta<Dim, T>::OrientedMomenta(const OrientedOptions<Dim>& options)
 }
 
 template <int Dim, class T>
+int OrientedMomenta<Dim, T>::steepest_axis(const T* normal) const {
+  const auto steepness = [&](int a) { return std::abs(normal[a]) / options_.lattice.spacing[a]; };
+  int most = 0;
+  for (int a = 1; a < Dim; ++a)
+    if (steepness(a) > steepness(most)) most = a;
+  return most;
+}
+
+template <int Dim, class T>
+bool OrientedMomenta<Dim, T>::has_room(std::size_t site, int steepest) const {
+  const auto spacing = static_cast<std::size_t>(options_.spacing);
+  for (int a = 0; a < Dim; ++a) {
+    const auto length = static_cast<std::size_t>(options_.lattice.size[a]);
+    if (a != steepest && site % length % spacing != 0) return false;
+    site /= length;
+  }
+  return true;
+}
+
+template <int Dim, class T>
 void OrientedMomenta<Dim, T>::turn(std::vector<T> normals) {
   ++turns_;
   turned_normals_ = std::move(normals);
@@ -142,7 +164,7 @@ void OrientedMomenta<Dim, T>::turn(std::vector<T> normals) {
   if (turned_normals_.empty()) return;
   for (std::size_t site = 0; site < sites_; ++site) {
     Eigen::Map<Eigen::Matrix<T, Dim, 1>> n(turned_normals_.data() + Dim * site);
-    if (n.squaredNorm() == T(0)) continue;
+    if (n.squaredNorm() == T(0) || !has_room(site, steepest_axis(n.data()))) continue;
     double most = 0;
     std::size_t nearest = 0;
     for (std::size_t k = 0; k < orientations_.size(); ++k) {
@@ -212,14 +234,23 @@ auto OrientedMomenta<Dim, T>::placement(const T* corners) -> Placement {
   return place;
 }
 
-/// Calls lanes(site, count, start, step) for the sites of the lattice that an element can reach, kLanes of a row along
-/// x at a time, in planes [begin, end) of the last axis: `start` is the first site's place along the element's axes,
-/// `step` from one site to the next. Of the lanes `count` lie in the row; those of them that lie beyond the element's
-/// reach have a shape of 0.
+/// Rows of `by_component_` have room for the lanes that reach beyond a row of the lattice.
+template <int Dim, class T>
+std::size_t OrientedMomenta<Dim, T>::padded_row() const {
+  return static_cast<std::size_t>(options_.lattice.size[0]) + kRegisterLanes<T>;
+}
+
+/// Calls lanes(at, r) for the sites of the lattice that an element can reach, a register of them side by side along x
+/// at a time, in planes [begin, end) of the last axis: `at` is where the first one's value stands in a field of padded
+/// rows, `r` their places along the element's axes. Lanes beyond the element's reach have a shape of 0; lanes beyond
+/// the row are in its padding.
 template <int Dim, class T>
 template <class Lanes>
-void OrientedMomenta<Dim, T>::visit_lanes(const Orientation& orientation, const Placement& place, int begin, int end,
-                                          Lanes&& lanes) const {
+[[gnu::always_inline]] inline void OrientedMomenta<Dim, T>::visit_lanes(const Orientation& orientation,
+                                                                        const Placement& place, int begin, int end,
+                                                                        Lanes&& lanes) const {
+  constexpr int kRows = 16;  // whose ends are found together
+  constexpr int kWidth = static_cast<int>(kRegisterLanes<T>);
   const Lattice<Dim>& lattice = options_.lattice;
   // Nothing else than finite places can be on the lattice.
   if (!place.at.allFinite() || !place.axes.allFinite()) return;
@@ -237,42 +268,67 @@ void OrientedMomenta<Dim, T>::visit_lanes(const Orientation& orientation, const 
     high[a] = static_cast<int>(std::min(last, to));
   }
   const T h = static_cast<T>(lattice.spacing[0]);
-  T step[Dim], per_step[Dim];  // 0: what divides by nearly nothing leaves rows as they are
+  T step[Dim], per_step[Dim];  // 0: what divides by nearly nothing bounds no row
+  Register<T> beside[Dim];     // from the first lane
   for (int k = 0; k < Dim; ++k) {
     step[k] = place.axes(k, 0) * h;
     per_step[k] = std::abs(step[k]) < T(1e-3) * h ? T(0) : 1 / step[k];
+    T lanes_beside[kWidth];
+    for (int i = 0; i < kWidth; ++i) lanes_beside[i] = static_cast<T>(i) * step[k];
+    beside[k] = load<T>(lanes_beside);
   }
+  const std::size_t row = padded_row();
   const int planes_begin = Dim == 3 ? low[Dim - 1] : 0, planes_end = Dim == 3 ? high[Dim - 1] : 1;
-  for (int z = planes_begin; z < planes_end; ++z)
-    for (int y = low[1]; y < high[1]; ++y) {
-      T across[Dim];  // along the axes at x = 0 of the row
-      T least = static_cast<T>(low[0]), most = static_cast<T>(high[0] - 1);
-      for (int k = 0; k < Dim; ++k) {
-        across[k] =
-            -place.axes(k, 0) * centre[0] + place.axes(k, 1) * (static_cast<T>(y * lattice.spacing[1]) - centre[1]);
-        if constexpr (Dim == 3) across[k] += place.axes(k, 2) * (static_cast<T>(z * lattice.spacing[2]) - centre[2]);
-        // |across + step x| <= reach
-        if (per_step[k] == T(0)) continue;
-        const T reach = orientation.profiles[k].reach();
-        const T one = (-reach - across[k]) * per_step[k], other = (reach - across[k]) * per_step[k];
-        least = std::max(least, std::min(one, other));
-        most = std::min(most, std::max(one, other));
+  for (int z = planes_begin; z < planes_end; ++z) {
+    T of_plane[Dim];  // along the axes at x = y = 0
+    for (int k = 0; k < Dim; ++k) {
+      of_plane[k] = -place.axes(k, 0) * centre[0];
+      if constexpr (Dim == 3) of_plane[k] += place.axes(k, 2) * (static_cast<T>(z * lattice.spacing[2]) - centre[2]);
+    }
+    for (int y = low[1]; y < high[1]; y += kRows) {
+      T across[Dim][kRows];  // along the axes at x = 0 of each row
+      T least[kRows], most[kRows];
+      for (int i = 0; i < kRows; ++i) {
+        least[i] = static_cast<T>(low[0]);
+        most[i] = static_cast<T>(high[0] - 1);
       }
-      if (!(least <= most + 1)) continue;
-      const int first = std::max(low[0], static_cast<int>(std::floor(least)));
-      const int last = std::min(high[0] - 1, static_cast<int>(std::ceil(most)));
-      if (first > last) continue;
-      std::size_t site =
-          static_cast<std::size_t>(first) + static_cast<std::size_t>(lattice.size[0]) * static_cast<std::size_t>(y);
-      if constexpr (Dim == 3)
-        site += static_cast<std::size_t>(lattice.size[0]) * static_cast<std::size_t>(lattice.size[1]) *
-                static_cast<std::size_t>(z);
-      for (int x = first; x <= last; x += kLanes, site += kLanes) {
-        T start[Dim];
-        for (int k = 0; k < Dim; ++k) start[k] = across[k] + step[k] * static_cast<T>(x);
-        lanes(site, std::min(kLanes, lattice.size[0] - x), start, step);
+      const T spacing = static_cast<T>(lattice.spacing[1]);
+      for (int k = 0; k < Dim; ++k) {
+        const T reach = orientation.profiles[k].reach();
+#pragma omp simd
+        for (int i = 0; i < kRows; ++i)
+          across[k][i] = of_plane[k] + place.axes(k, 1) * (static_cast<T>(y + i) * spacing - centre[1]);
+        if (per_step[k] == T(0)) continue;
+          // |across + step x| <= reach
+#pragma omp simd
+        for (int i = 0; i < kRows; ++i) {
+          const T one = (-reach - across[k][i]) * per_step[k], other = (reach - across[k][i]) * per_step[k];
+          const T smaller = one < other ? one : other, larger = one < other ? other : one;
+          least[i] = least[i] > smaller ? least[i] : smaller;
+          most[i] = most[i] < larger ? most[i] : larger;
+        }
+      }
+      int first[kRows], last[kRows];
+#pragma omp simd
+      for (int i = 0; i < kRows; ++i) {
+        // Out of the box: none. Rounding may take a site of the row's ends away from it, but none with a shape.
+        const bool is_empty = !(least[i] <= most[i] + 1);
+        first[i] = is_empty ? 1 : static_cast<int>(std::floor(least[i]));
+        last[i] = is_empty ? 0 : static_cast<int>(std::ceil(most[i]));
+      }
+      const int rows = std::min(kRows, high[1] - y);
+      for (int i = 0; i < rows; ++i) {
+        const int begin_x = std::max(first[i], low[0]), end_x = std::min(last[i], high[0] - 1);
+        std::size_t at = row * static_cast<std::size_t>(y + i) + static_cast<std::size_t>(begin_x);
+        if constexpr (Dim == 3) at += row * static_cast<std::size_t>(lattice.size[1]) * static_cast<std::size_t>(z);
+        for (int x = begin_x; x <= end_x; x += kWidth, at += kWidth) {
+          Register<T> r[Dim];
+          for (int k = 0; k < Dim; ++k) r[k] = (across[k][i] + step[k] * static_cast<T>(x)) + beside[k];
+          lanes(at, r);
+        }
       }
     }
+  }
 }
 
 template <int Dim, class T>
@@ -280,9 +336,11 @@ void OrientedMomenta<Dim, T>::add_velocity(const std::vector<Element>& elements,
                                            T* velocity) const {
   if (elements.empty()) return;
   const int planes = options_.lattice.size[Dim - 1];
-  const std::size_t plane = sites_ / static_cast<std::size_t>(planes);
+  const auto length = static_cast<std::size_t>(options_.lattice.size[0]);
+  const std::size_t row = padded_row(), rows = sites_ / length, rows_of_plane = rows / static_cast<std::size_t>(planes);
+  const std::size_t field = row * rows;
   const T factor = static_cast<T>(options_.weight * options_.lattice.cell_volume());
-  by_component_.assign(Dim * sites_ + kLanes, T(0));
+  by_component_.assign(Dim * field, T(0));
 #ifdef _OPENMP
   const int parts = std::max(1, std::min(planes, omp_get_max_threads()));
 #else
@@ -300,32 +358,82 @@ void OrientedMomenta<Dim, T>::add_velocity(const std::vector<Element>& elements,
       for (int j = 1; j < Dim; ++j)
         for (int a = 0; a < Dim; ++a) vector[a] += factor * c[j - 1] * place.axes(j, a);
       const Orientation& orientation = orientations_[normal_of(elements[e])];
-      const auto& p = orientation.profiles;
-      visit_lanes(orientation, place, begin, end, [&](std::size_t site, int count, const T* start, const T* step) {
-        T shape[kLanes];
-#pragma omp simd
-        for (int i = 0; i < kLanes; ++i) {
-          const T x = static_cast<T>(i);
-          shape[i] = p[0].slope(start[0] + x * step[0]);
-          for (int k = 1; k < Dim; ++k) shape[i] *= p[k].value(start[k] + x * step[k]);
-        }
+      AveragedWendland<T> p[Dim];
+      std::copy_n(orientation.profiles, Dim, p);
+      T* out = by_component_.data();
+      visit_lanes(orientation, place, begin, end, [&](std::size_t at, const Register<T>* r) {
+        Register<T> shape = p[0].slope(p[0].ends(r[0]));
+        for (int k = 1; k < Dim; ++k) shape *= p[k].value(p[k].ends(r[k]));
         for (int a = 0; a < Dim; ++a) {
-          T* out = by_component_.data() + static_cast<std::size_t>(a) * sites_ + site;
-          if (count == kLanes) {  // what is stored in part delays whoever reads it next
-#pragma omp simd
-            for (int i = 0; i < kLanes; ++i) out[i] += shape[i] * vector[a];
-          } else {
-#pragma omp simd
-            for (int i = 0; i < kLanes; ++i)
-              if (i < count) out[i] += shape[i] * vector[a];
-          }
+          T* to = out + static_cast<std::size_t>(a) * field + at;
+          store<T>(load<T>(to) + shape * vector[a], to);
         }
       });
     }
-    for (std::size_t site = plane * begin; site < plane * end; ++site)
-      for (int a = 0; a < Dim; ++a)
-        velocity[Dim * site + a] += by_component_[static_cast<std::size_t>(a) * sites_ + site];
+    for (std::size_t i = rows_of_plane * begin; i < rows_of_plane * end; ++i)
+      for (std::size_t x = 0; x < length; ++x)
+        for (int a = 0; a < Dim; ++a)
+          velocity[Dim * (length * i + x) + a] += by_component_[static_cast<std::size_t>(a) * field + row * i + x];
   }
+}
+
+/// What a dual of the velocity pulls at an element, with shape = product of f_k(r_k) and g = vector . dual: sums over
+/// the sites of shape times dual and, if it `Moves`, of g f_k' (product of the others), and the turning moments of the
+/// latter. Axes only turn, so what they would stretch or shear does not count: pairs k < l, r_l times term k less r_k
+/// times term l.
+template <int Dim, class T>
+template <bool Moves>
+auto OrientedMomenta<Dim, T>::pull(const Orientation& orientation, const Placement& place,
+                                   const Eigen::Matrix<T, Dim, 1>& vector) const -> Pull {
+  constexpr int kPairs = Dim * (Dim - 1) / 2;
+  const std::size_t field = padded_row() * (sites_ / static_cast<std::size_t>(options_.lattice.size[0]));
+  AveragedWendland<T> p[Dim];
+  std::copy_n(orientation.profiles, Dim, p);
+  T v[Dim];
+  for (int a = 0; a < Dim; ++a) v[a] = vector[a];
+  const T* dual = by_component_.data();
+  Register<T> pulled[Dim] = {}, force[Dim] = {}, turning[kPairs] = {};
+  visit_lanes(orientation, place, 0, options_.lattice.size[Dim - 1], [&](std::size_t at, const Register<T>* r) {
+    typename AveragedWendland<T>::template Ends<Register<T>> ends[Dim];
+    Register<T> own[Dim], f[Dim];
+    for (int k = 0; k < Dim; ++k) {
+      own[k] = load<T>(dual + static_cast<std::size_t>(k) * field + at);
+      ends[k] = p[k].ends(r[k]);
+      f[k] = k == 0 ? p[k].slope(ends[k]) : p[k].value(ends[k]);
+    }
+    Register<T> shape = f[0] * f[1];
+    if constexpr (Dim == 3) shape *= f[2];
+    for (int a = 0; a < Dim; ++a) pulled[a] += shape * own[a];
+    if constexpr (Moves) {
+      Register<T> g = v[0] * own[0];
+      for (int a = 1; a < Dim; ++a) g += v[a] * own[a];
+      Register<T> term[Dim];
+      for (int k = 0; k < Dim; ++k) {
+        term[k] = g * (k == 0 ? p[k].slope_derivative(ends[k]) : p[k].slope(ends[k]) * p[k].per_sigma);
+        for (int other = 0; other < Dim; ++other)
+          if (other != k) term[k] *= f[other];
+        force[k] += term[k];
+      }
+      for (int k = 0, pair = 0; k < Dim; ++k)
+        for (int l = k + 1; l < Dim; ++l, ++pair) turning[pair] += term[k] * r[l] - term[l] * r[k];
+    }
+  });
+  const auto total = [](const Register<T>& lanes) {
+    T sum = 0;
+    for (std::size_t i = 0; i < kRegisterLanes<T>; ++i) sum += lanes[i];
+    return sum;
+  };
+  Pull found;
+  for (int k = 0, pair = 0; k < Dim; ++k) {
+    found.pulled[k] = total(pulled[k]);
+    found.force[k] = total(force[k]);
+    found.turning(k, k) = 0;
+    for (int l = k + 1; l < Dim; ++l, ++pair) {
+      found.turning(k, l) = total(turning[pair]) / 2;
+      found.turning(l, k) = -found.turning(k, l);
+    }
+  }
+  return found;
 }
 
 template <int Dim, class T>
@@ -334,113 +442,68 @@ void OrientedMomenta<Dim, T>::add_velocity_adjoint(const std::vector<Element>& e
                                                    T* corners_dual) const {
   using Column = Eigen::Matrix<T, Dim, 1>;
   if (elements.empty()) return;
-  const int planes = options_.lattice.size[Dim - 1];
+  const auto length = static_cast<std::size_t>(options_.lattice.size[0]);
+  const std::size_t row = padded_row(), rows = sites_ / length, field = row * rows;
   const T factor = static_cast<T>(options_.weight * options_.lattice.cell_volume());
-  by_component_.resize(Dim * sites_ + kLanes);
+  by_component_.resize(Dim * field);
 #pragma omp parallel for schedule(static)
-  for (std::size_t site = 0; site < sites_; ++site)
-    for (int a = 0; a < Dim; ++a)
-      by_component_[static_cast<std::size_t>(a) * sites_ + site] = velocity_dual[Dim * site + a];
+  for (std::size_t i = 0; i < rows; ++i)
+    for (int a = 0; a < Dim; ++a) {
+      T* to = by_component_.data() + static_cast<std::size_t>(a) * field + row * i;
+      for (std::size_t x = 0; x < length; ++x) to[x] = velocity_dual[Dim * (length * i + x) + a];
+      std::fill(to + length, to + row, T(0));  // lanes beyond the row count nothing
+    }
 #pragma omp parallel for schedule(dynamic, 16)
   for (std::size_t e = 0; e < elements.size(); ++e) {
     const Orientation& orientation = orientations_[normal_of(elements[e])];
-    const auto& p = orientation.profiles;
     const Placement place = placement(corners + kCornerValues * e);
     const T* c = momenta + kComponents * e;
     const bool moves = corners_dual && !std::all_of(c, c + kComponents, [](T value) { return value == T(0); });
-    Column vector = Column::Zero(), pulled;  // the momentum, and sum of shape times dual
+    Column vector = Column::Zero();  // the momentum
     for (int j = 1; j < Dim; ++j) vector += factor * c[j - 1] * place.axes.row(j).transpose();
-    // With shape = product of f_k(r_k): sums of g f_k' (product of the others), and of the same times r; lane by lane.
-    T pulled_lanes[Dim][kLanes] = {}, force_lanes[Dim][kLanes] = {}, turning_lanes[Dim][Dim][kLanes] = {};
-    visit_lanes(orientation, place, 0, planes, [&](std::size_t site, int count, const T* start, const T* step) {
-      // Whole lanes are read, for which the buffer is long enough; beyond the row they count nothing.
-      T own[Dim][kLanes], r[Dim][kLanes], f[Dim][kLanes];
-      for (int a = 0; a < Dim; ++a) {
-        const T* dual = by_component_.data() + static_cast<std::size_t>(a) * sites_ + site;
-#pragma omp simd
-        for (int i = 0; i < kLanes; ++i) own[a][i] = i < count ? dual[i] : T(0);
-      }
-      for (int k = 0; k < Dim; ++k)
-#pragma omp simd
-        for (int i = 0; i < kLanes; ++i) r[k][i] = start[k] + static_cast<T>(i) * step[k];
-#pragma omp simd
-      for (int i = 0; i < kLanes; ++i) f[0][i] = p[0].slope(r[0][i]);
-      for (int k = 1; k < Dim; ++k)
-#pragma omp simd
-        for (int i = 0; i < kLanes; ++i) f[k][i] = p[k].value(r[k][i]);
-      T shape[kLanes];
-#pragma omp simd
-      for (int i = 0; i < kLanes; ++i) shape[i] = f[0][i] * f[1][i];
-      if constexpr (Dim == 3)
-#pragma omp simd
-        for (int i = 0; i < kLanes; ++i) shape[i] *= f[2][i];
-      for (int a = 0; a < Dim; ++a)
-#pragma omp simd
-        for (int i = 0; i < kLanes; ++i) pulled_lanes[a][i] += shape[i] * own[a][i];
-      if (!moves) return;
-      T g[kLanes] = {};
-      for (int a = 0; a < Dim; ++a)
-#pragma omp simd
-        for (int i = 0; i < kLanes; ++i) g[i] += vector[a] * own[a][i];
-      for (int k = 0; k < Dim; ++k) {
-        T term[kLanes];
-        if (k == 0)
-#pragma omp simd
-          for (int i = 0; i < kLanes; ++i) term[i] = g[i] * p[0].slope_derivative(r[0][i]);
-        else
-#pragma omp simd
-          for (int i = 0; i < kLanes; ++i) term[i] = g[i] * p[k].slope(r[k][i]) * p[k].per_sigma;
-        for (int other = 0; other < Dim; ++other) {
-          if (other == k) continue;
-#pragma omp simd
-          for (int i = 0; i < kLanes; ++i) term[i] *= f[other][i];
-        }
-#pragma omp simd
-        for (int i = 0; i < kLanes; ++i) force_lanes[k][i] += term[i];
-        for (int l = 0; l < Dim; ++l)
-#pragma omp simd
-          for (int i = 0; i < kLanes; ++i) turning_lanes[k][l][i] += term[i] * r[l][i];
-      }
-    });
-    const auto total = [](const T* lanes) { return std::accumulate(lanes, lanes + kLanes, T(0)); };
-    Column force;
-    Eigen::Matrix<T, Dim, Dim> turning;
-    for (int k = 0; k < Dim; ++k) {
-      pulled[k] = total(pulled_lanes[k]);
-      force[k] = total(force_lanes[k]);
-      for (int l = 0; l < Dim; ++l) turning(k, l) = total(turning_lanes[k][l]);
-    }
+    const Pull found = moves ? pull<true>(orientation, place, vector) : pull<false>(orientation, place, vector);
     for (int j = 1; j < Dim; ++j)
-      momenta_dual[kComponents * e + j - 1] += factor * place.axes.row(j).dot(pulled.transpose());
+      momenta_dual[kComponents * e + j - 1] += factor * place.axes.row(j).dot(found.pulled.transpose());
     if (!moves) continue;
     // r_k = axes_k . (x - at): x - at = sum over l of r_l axes_l.
-    const Column at_dual = -(place.axes.transpose() * force);
-    Eigen::Matrix<T, Dim, Dim> axes_dual = turning * place.axes;
-    for (int j = 1; j < Dim; ++j) axes_dual.row(j) += factor * c[j - 1] * pulled.transpose();
+    const Column at_dual = -(place.axes.transpose() * found.force);
+    Eigen::Matrix<T, Dim, Dim> axes_dual = found.turning * place.axes;
+    for (int j = 1; j < Dim; ++j) axes_dual.row(j) += factor * c[j - 1] * found.pulled.transpose();
     corners_adjoint<Dim, T>(corners + kCornerValues * e, at_dual, axes_dual, corners_dual + kCornerValues * e);
   }
 }
 
 template <int Dim, class T>
-double OrientedMomenta<Dim, T>::penalty(const std::vector<Element>& elements, const T* momenta, T* gradient) {
-  scratch_.resize(kComponents * sites_);
+double OrientedMomenta<Dim, T>::penalty(const std::vector<Element>& elements, const T* momenta, T* gradient) const {
   const Lattice<Dim>& lattice = options_.lattice;
+  const auto length = static_cast<std::size_t>(lattice.size[0]);
   std::vector<double> product(elements.size());  // momentum times its gradient
+  // Of the elements with one normal those that have a momentum, by rows along x.
+  std::vector<std::size_t> row_begin(sites_ / length + 1), moving;
+  std::vector<int> x_of;
   for (std::size_t begin = 0; begin < elements.size();) {
     const std::size_t normal = normal_of(elements[begin]);
-    std::size_t end = begin;
-    for (; end < elements.size() && normal_of(elements[end]) == normal; ++end)
-      for (int j = 0; j < kComponents; ++j)
-        scratch_[kComponents * site_of(elements[end]) + j] = momenta[kComponents * end + j];
+    std::size_t end = begin, row = 0;
+    moving.clear();
+    x_of.clear();
+    for (; end < elements.size() && normal_of(elements[end]) == normal; ++end) {
+      const T* c = momenta + kComponents * end;
+      if (std::all_of(c, c + kComponents, [](T value) { return value == T(0); })) continue;
+      const std::size_t site = site_of(elements[end]);
+      while (row <= site / length) row_begin[row++] = moving.size();
+      moving.push_back(end);
+      x_of.push_back(static_cast<int>(site % length));
+    }
+    while (row < row_begin.size()) row_begin[row++] = moving.size();
     const Orientation& orientation = orientations_[normal];
 #pragma omp parallel for schedule(static)
     for (std::size_t e = begin; e < end; ++e) {
       Index<Dim> at, low, high;
       std::size_t rest = site_of(elements[e]);
       for (int a = 0; a < Dim; ++a) {
-        const std::size_t length = static_cast<std::size_t>(lattice.size[a]);
-        at[a] = static_cast<int>(rest % length);
-        rest /= length;
+        const std::size_t extent = static_cast<std::size_t>(lattice.size[a]);
+        at[a] = static_cast<int>(rest % extent);
+        rest /= extent;
         low[a] = std::max(0, at[a] - orientation.reach[a]);
         high[a] = std::min(lattice.size[a], at[a] + orientation.reach[a] + 1);
       }
@@ -448,26 +511,25 @@ double OrientedMomenta<Dim, T>::penalty(const std::vector<Element>& elements, co
       const int planes_begin = Dim == 3 ? low[Dim - 1] : 0, planes_end = Dim == 3 ? high[Dim - 1] : 1;
       for (int z = planes_begin; z < planes_end; ++z)
         for (int y = low[1]; y < high[1]; ++y) {
-          std::size_t row = static_cast<std::size_t>(y),
+          std::size_t line = static_cast<std::size_t>(y),
                       tap = static_cast<std::size_t>(y - at[1] + orientation.reach[1]);
           if constexpr (Dim == 3) {
-            row += static_cast<std::size_t>(lattice.size[1]) * static_cast<std::size_t>(z);
+            line += static_cast<std::size_t>(lattice.size[1]) * static_cast<std::size_t>(z);
             tap += static_cast<std::size_t>(2 * orientation.reach[1] + 1) *
                    static_cast<std::size_t>(z - at[2] + orientation.reach[2]);
           }
-          const T* values = scratch_.data() + kComponents * static_cast<std::size_t>(lattice.size[0]) * row;
           const T* taps = orientation.gram.data() + static_cast<std::size_t>(2 * orientation.reach[0] + 1) * tap +
                           (orientation.reach[0] - at[0]);
-          for (int x = low[0]; x < high[0]; ++x)
-            for (int j = 0; j < kComponents; ++j) sum[j] += taps[x] * values[kComponents * x + j];
+          for (std::size_t i = row_begin[line]; i < row_begin[line + 1]; ++i) {
+            if (x_of[i] < low[0] || x_of[i] >= high[0]) continue;
+            for (int j = 0; j < kComponents; ++j) sum[j] += taps[x_of[i]] * momenta[kComponents * moving[i] + j];
+          }
         }
       for (int j = 0; j < kComponents; ++j) {
         gradient[kComponents * e + j] += sum[j];
         product[e] += static_cast<double>(momenta[kComponents * e + j]) * sum[j];
       }
     }
-    for (std::size_t e = begin; e < end; ++e)
-      for (int j = 0; j < kComponents; ++j) scratch_[kComponents * site_of(elements[e]) + j] = 0;
     begin = end;
   }
   return ordered_sum(product.size(), [&](std::size_t e) { return product[e]; }) / 2;

@@ -17,6 +17,7 @@ struct OrientedOptions {
   std::vector<Eigen::Matrix<double, Dim, 1>> normals;  ///< in the frame
   double width_mm = 1;                                 ///< sigma of the C0 Wendland profile, along n and across
   double weight = 1;                                   ///< a_1 = 1 / (weight of 1/2 ||v||^2)
+  int spacing = 1;                                     ///< of elements beside each other in their plane, in sites
 };
 
 /// First-order momenta with the derivative along a normal n and a kernel that is turned with it (numerics, section 7):
@@ -24,8 +25,8 @@ struct OrientedOptions {
 ///     v(x) = a_1 V sum over elements e of m_e S(n_e . (x - x_e)) product over j of V(t_ej . (x - x_e)),
 ///
 /// with V the cell volume, S and V the averaged profiles of averaged_wendland.h (cells as wide as a site of the lattice
-/// is along that direction), t_ej the frame's other axes. A layer of them jumps by as much as one of axis-aligned
-/// momenta m_i of the same size and kernel, whatever way n points.
+/// is along that direction, in the plane `spacing` of them), t_ej the frame's other axes. A layer of them jumps by as
+/// much as one of axis-aligned momenta m_i of the same size and kernel, whatever way n points.
 ///
 /// An *element* is a pair (normal, site), numbered normal * sites + site; only those that a caller lists exist, so
 /// that all costs follow their number. Its momentum lies in its plane, m_e = sum_j c_ej t_ej: it can only slide, and
@@ -51,7 +52,8 @@ class OrientedMomenta {
   std::size_t normal_of(Element element) const { return element / sites_; }
 
   /// Turns elements: at each site the one whose normal is nearest to `normals` there (Dim values a site, unit or 0 for
-  /// none, either sign) has that normal from now on, by the least rotation. All others have those of the options.
+  /// none, either sign) has that normal from now on, by the least rotation. All others have those of the options. Of
+  /// the sites only those that are multiples of the spacing along all axes but the steepest.
   void turn(std::vector<T> normals);
   /// How often that was done.
   std::size_t turns() const { return turns_; }
@@ -59,6 +61,9 @@ class OrientedMomenta {
   const std::vector<Element>& turned() const { return turned_; }
   /// What `turn` was given, with signs as they are used; empty before.
   const std::vector<T>& turned_normals() const { return turned_normals_; }
+
+  /// The axis along which a plane with this normal is left in the fewest sites.
+  int steepest_axis(const T* normal) const;
 
   /// Corners of elements at time 0, kCornerValues each.
   void place(const std::vector<Element>& elements, std::vector<T>& corners) const;
@@ -74,7 +79,7 @@ class OrientedMomenta {
 
   /// 1/2 sum over normals of ||v||^2 at time 0; adds its gradient to those of the momenta. The block form: normals know
   /// nothing of each other, and a turned element counts as one that was not. `elements` must rise.
-  double penalty(const std::vector<Element>& elements, const T* momenta, T* gradient);
+  double penalty(const std::vector<Element>& elements, const T* momenta, T* gradient) const;
 
   /// As MomentumScale::first_order_stiffness: a_1 V c, the same for all normals where samples are cubes.
   double stiffness(std::size_t normal) const;
@@ -94,9 +99,16 @@ class OrientedMomenta {
     Index<Dim> reach;                      ///< of `gram`, in sites
     std::vector<T> gram;                   ///< of two elements by how far their sites are apart
   };
-  static constexpr int kLanes = 16;  ///< sites of a row that are taken together, as many as are left or not
+  bool has_room(std::size_t site, int steepest) const;
+  std::size_t padded_row() const;
   template <class Lanes>
   void visit_lanes(const Orientation& orientation, const Placement& place, int begin, int end, Lanes&& lanes) const;
+  struct Pull {
+    Eigen::Matrix<T, Dim, 1> pulled, force;
+    Eigen::Matrix<T, Dim, Dim> turning;
+  };
+  template <bool Moves>
+  Pull pull(const Orientation& orientation, const Placement& place, const Eigen::Matrix<T, Dim, 1>& vector) const;
 
   OrientedOptions<Dim> options_;
   std::size_t sites_;
@@ -104,8 +116,7 @@ class OrientedMomenta {
   std::vector<T> turned_normals_;
   std::vector<Element> turned_;
   std::size_t turns_ = 0;
-  std::vector<T> scratch_;               ///< momenta of one normal at all sites, 0 between uses
-  mutable std::vector<T> by_component_;  ///< a field, component after component: rows of one are side by side
+  mutable std::vector<T> by_component_;  ///< a field, component after component, in padded rows
 };
 
 }  // namespace saltus

@@ -65,10 +65,16 @@ std::size_t memory_estimate(const ImageGrid<Dim>& fixed, const ImageGrid<Dim>& m
       // be is not known: nearly all, at worst.
       if (m.sparsity > 0) bytes += sites * 2 * Dim * vector;
       if (options.model == Model::Directional) bytes += sites * 2 * Dim * vector;
-      // Oriented momenta: normals and scratch at all sites, weights (and those before them) for all elements.
+      // Oriented momenta: normals, and a field in padded rows, at all sites, weights (and those before them) for all
+      // elements. One element may join at a site that has room for one, of which there are so many lines for each axis.
       if (m.orientations > 0) {
         bytes += sites * (3 * vector + 2 * m.orientations * scalar);
-        unknowns += (Dim - 1) * sites;  // one element a site may join
+        const Lattice<Dim> lattice = level_lattice(image, q);
+        const int spacing = kElementSpacing<Dim>;
+        double share = 0;  // of the sites along an axis
+        for (int length : lattice.size)
+          share = std::max(share, static_cast<double>((length + spacing - 1) / spacing) / length);
+        unknowns += (Dim - 1) * sites * (Dim * std::pow(share, Dim - 1) - (Dim - 1) * std::pow(share, Dim));
       }
     }
     // L-BFGS, see MinimiserState, and one vector on its way while momenta join; a checkpoint goes straight to a file.

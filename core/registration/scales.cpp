@@ -155,6 +155,7 @@ std::vector<PlacedScale<Dim, T>> make_scales(const Lattice<Dim>& image, const Re
       if (has_first(orders) && options.model == Model::Directional)
         made.direction = nearest_directions<Dim>(image, directions, made.lattice);
       if (has_first(orders)) made.normals = spread_normals<Dim>(momenta.orientations);
+      made.oriented_spacing = kElementSpacing<Dim>;
       made.zeroth_weight = 1 / momenta.regularisation;
       made.first_weight = 1 / momenta.first_order_regularisation;
       scales.push_back({q, std::make_unique<MomentumScale<Dim, T>>(made)});

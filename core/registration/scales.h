@@ -15,6 +15,11 @@ struct PlacedScale {
   std::unique_ptr<MomentumScale<Dim, T>> scale;
 };
 
+/// Of oriented elements in their plane, in sites: half a width in 3-D, where without it there would be nine times as
+/// many; measured, core/README.md, "Slip at any orientation".
+template <int Dim>
+inline constexpr int kElementSpacing = Dim == 3 ? 3 : 1;
+
 /// Lattice of pyramid level `level`: the reference spacing (the finest of the image) times 2^level, where the image is
 /// fine enough for it.
 template <int Dim>

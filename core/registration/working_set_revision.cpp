@@ -21,21 +21,20 @@ void WorkingSet<Dim, T>::list_candidates(std::size_t scale, const std::vector<T>
   pick_elements<Dim>(oriented.active, values, oriented.listed, oriented.values.data());
 }
 
-/// Whether none of the two sites beside an element's, along its normal, pulls harder.
+/// Whether none of the two sites beside an element's, along its normal's steepest axis, pulls harder.
 template <int Dim, class T>
 bool WorkingSet<Dim, T>::is_ridge(const Oriented& oriented, std::uint32_t element,
                                   const std::vector<float>& pull) const {
   const Lattice<Dim>& lattice = oriented.momenta->lattice();
   const std::size_t site = oriented.momenta->site_of(element);
   const T* normal = oriented.momenta->turned_normals().data() + Dim * site;
-  double steps[Dim], most = 0;
-  for (int a = 0; a < Dim; ++a) most = std::max(most, std::abs(steps[a] = normal[a] / lattice.spacing[a]));
+  const int steepest = oriented.momenta->steepest_axis(normal);
   for (int side : {-1, 1}) {
     std::size_t rest = site, stride = 1, beside = 0;
     bool is_inside = true;
     for (int a = 0; a < Dim; ++a) {
       const auto length = static_cast<std::size_t>(lattice.size[a]);
-      const long at = static_cast<long>(rest % length) + side * std::lround(steps[a] / most);
+      const long at = static_cast<long>(rest % length) + (a == steepest ? side : 0);
       is_inside = is_inside && at >= 0 && at < lattice.size[a];
       beside += static_cast<std::size_t>(at) * stride;
       rest /= length;

@@ -197,9 +197,7 @@ TEST(OrientedModel, LetsJoinWhatPullsHarderThanItsWeight) {
       pull_at[scales[s]->oriented()->site_of(turned[s][e])] = std::abs(gradient[wide.begin + e]);
     const auto is_most_across = [&](std::size_t site) {
       const double* n = scales[s]->oriented()->turned_normals().data() + 2 * site;
-      const double longest = std::max(std::abs(n[0]), std::abs(n[1]));
-      const long right = std::lround(n[0] / longest), up = std::lround(n[1] / longest);
-      const long beside = right + up * sites.size[0], own = static_cast<long>(site);
+      const long beside = std::abs(n[0]) >= std::abs(n[1]) ? 1 : sites.size[0], own = static_cast<long>(site);
       for (long other : {own - beside, own + beside})
         if (const auto at = pull_at.find(static_cast<std::size_t>(other));
             at != pull_at.end() && std::abs(other % sites.size[0] - own % sites.size[0]) <= 1 &&

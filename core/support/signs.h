@@ -1,0 +1,37 @@
+#pragma once
+
+#include <cmath>
+#include <concepts>
+#include <limits>
+#include <type_traits>
+
+namespace saltus {
+
+// Of numbers, and of registers of them (GNU vector types), where they are one instruction.
+
+template <std::floating_point T>
+[[gnu::always_inline]] inline T magnitude(T value) {
+  return std::abs(value);
+}
+template <std::floating_point T>
+[[gnu::always_inline]] inline T with_sign(T size, T sign) {
+  return std::copysign(size, sign);
+}
+
+/// The bits of a register of numbers, and of those the signs.
+template <class V>
+using SignBits = decltype(V{} < V{});
+template <class V>
+constexpr auto kSignBit = std::numeric_limits<std::remove_cvref_t<decltype(SignBits<V>{}[0])>>::min();
+
+template <class V>
+[[gnu::always_inline]] inline V magnitude(V value) {
+  return reinterpret_cast<V>(reinterpret_cast<SignBits<V>>(value) & ~kSignBit<V>);
+}
+template <class V>
+[[gnu::always_inline]] inline V with_sign(V size, V sign) {
+  return reinterpret_cast<V>((reinterpret_cast<SignBits<V>>(size) & ~kSignBit<V>) |
+                             (reinterpret_cast<SignBits<V>>(sign) & kSignBit<V>));
+}
+
+}  // namespace saltus
