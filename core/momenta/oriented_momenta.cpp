@@ -98,6 +98,9 @@ OrientedMomenta<Dim, T>::OrientedMomenta(const OrientedOptions<Dim>& options)
     throw InvalidInput("a lattice of " + std::to_string(sites_) + " sites is too large for " +
                        std::to_string(options.normals.size()) +
                        " oblique normals; set orientations to 0 or end at a coarser level");
+  if (options.spacing < 1)
+    throw InvalidInput("the spacing of oriented momenta is " + std::to_string(options.spacing) +
+                       "; it must be 1 or more");
   const Lattice<Dim>& lattice = options_.lattice;
   for (const Vec<Dim>& normal : options_.normals) {
     if (!(std::abs(normal.norm() - 1) < kUnitLength))

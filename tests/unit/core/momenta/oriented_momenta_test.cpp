@@ -38,8 +38,9 @@ Lattice<Dim> small_lattice() {
 }
 
 template <int Dim>
-OrientedMomenta<Dim, double> small_momenta() {
-  return OrientedMomenta<Dim, double>({small_lattice<Dim>(), spread_normals<Dim>(Dim == 2 ? 8 : 13), 3.1, 0.7});
+OrientedMomenta<Dim, double> small_momenta(int spacing = 1) {
+  return OrientedMomenta<Dim, double>(
+      {small_lattice<Dim>(), spread_normals<Dim>(Dim == 2 ? 8 : 13), 3.1, 0.7, spacing});
 }
 
 /// Every seventh element or so, of all normals.
@@ -109,9 +110,9 @@ TEST(SpreadNormals, AreUnitVectorsFarFromEachOtherWithTheAxesFirst) {
 }
 
 template <int Dim>
-void expect_the_written_sum() {
+void expect_the_written_sum(int spacing) {
   omp_set_num_threads(1);
-  auto momenta = small_momenta<Dim>();
+  auto momenta = small_momenta<Dim>(spacing);
   const Lattice<Dim>& lattice = momenta.lattice();
   // Some sites have a normal of their own.
   std::vector<double> normals(Dim * lattice.sites(), 0.0), drawn = testing::random_values(normals.size(), 3);
@@ -119,7 +120,8 @@ void expect_the_written_sum() {
     Eigen::Map<Vec<Dim>>(normals.data() + Dim * site) = Eigen::Map<Vec<Dim>>(drawn.data() + Dim * site).normalized();
   momenta.turn(normals);
   std::vector<std::uint32_t> elements = some_elements(momenta);
-  for (std::size_t i = 0; i < momenta.turned().size(); i += Dim == 2 ? 9 : 61) elements.push_back(momenta.turned()[i]);
+  for (std::size_t i = 0; i<momenta.turned().size(); i += spacing> 1 ? 3 : Dim == 2 ? 9 : 61)
+    elements.push_back(momenta.turned()[i]);
   std::sort(elements.begin(), elements.end());
   elements.erase(std::unique(elements.begin(), elements.end()), elements.end());
 
@@ -151,13 +153,13 @@ void expect_the_written_sum() {
     double cell[Dim];
     for (int k = 0; k < Dim; ++k) {
       // Cells are those of the option's normal: what is turned keeps them.
-      const auto untouched = small_momenta<Dim>();
+      const auto untouched = small_momenta<Dim>(spacing);
       std::vector<double> straight;
       untouched.place({elements[e]}, straight);
       const auto axes = OrientedMomenta<Dim, double>::placement(straight.data()).axes;
       double square = 0;
       for (int a = 0; a < Dim; ++a) square += std::pow(axes(k, a) * lattice.spacing[a], 2);
-      cell[k] = std::sqrt(square);
+      cell[k] = (k == 0 ? 1 : spacing) * std::sqrt(square);
     }
     for (int slab = 0; slab < lattice.size[Dim - 1]; ++slab)
       visit_slab<Dim>(lattice, slab, [&](const Index<Dim>& index, std::size_t site) {
@@ -181,8 +183,57 @@ void expect_the_written_sum() {
   EXPECT_GT(largest, 0.01);
 }
 
-TEST(OrientedMomenta, MakeTheSumOverElements2d) { expect_the_written_sum<2>(); }
-TEST(OrientedMomenta, MakeTheSumOverElements3d) { expect_the_written_sum<3>(); }
+TEST(OrientedMomenta, MakeTheSumOverElements2d) { expect_the_written_sum<2>(1); }
+TEST(OrientedMomenta, MakeTheSumOverElements3d) { expect_the_written_sum<3>(1); }
+TEST(OrientedMomenta, MakeTheSumOverElementsApart2d) { expect_the_written_sum<2>(2); }
+TEST(OrientedMomenta, MakeTheSumOverElementsApart3d) { expect_the_written_sum<3>(3); }
+
+// A plane across an axis: there is nothing to be seen of the elements that make it.
+TEST(OrientedMomenta, TileAPlane) {
+  const int size = 30, at = 14;
+  const auto lattice = testing::unit_lattice<3>({size, size, size});
+  std::vector<double> velocities[2];
+  for (int spacing : {1, 3}) {
+    OrientedMomenta<3, double> momenta({lattice, spread_normals<3>(9), 6, 1.0, spacing});
+    std::vector<double> normals(3 * lattice.sites(), 0.0), corners;
+    for (std::size_t row = 0; row < lattice.sites(); row += size) normals[3 * (row + at)] = 1;
+    momenta.turn(normals);
+    ASSERT_EQ(momenta.turned().size(), static_cast<std::size_t>(size * size / (spacing * spacing)));
+    for (std::uint32_t element : momenta.turned()) {
+      const std::size_t site = momenta.site_of(element);
+      EXPECT_EQ(site % size, static_cast<std::size_t>(at));
+      EXPECT_EQ(site / size % size % static_cast<std::size_t>(spacing), 0u);
+      EXPECT_EQ(site / size / size % static_cast<std::size_t>(spacing), 0u);
+    }
+    const std::vector<double> values(2 * momenta.turned().size(), spacing * spacing);
+    std::vector<double>& velocity = velocities[spacing > 1];
+    velocity.assign(3 * lattice.sites(), 0.0);
+    momenta.place(momenta.turned(), corners);
+    momenta.add_velocity(momenta.turned(), corners.data(), values.data(), velocity.data());
+  }
+  for (int z = 9; z < 20; ++z)
+    for (int y = 9; y < 20; ++y)
+      for (int x = 0; x < size; ++x)
+        for (int c = 0; c < 3; ++c) {
+          const std::size_t i = static_cast<std::size_t>(3 * ((z * size + y) * size + x) + c);
+          EXPECT_NEAR(velocities[1][i], velocities[0][i], 1e-13);
+          EXPECT_NEAR(velocities[1][i], velocities[1][static_cast<std::size_t>(3 * ((9 * size + 9) * size + x) + c)],
+                      1e-13);
+          if (c > 0 && std::abs(x - at) < 4 && x != at) {
+            EXPECT_GT(std::abs(velocities[0][i]), 0.05);
+          }
+        }
+}
+
+TEST(OrientedMomenta, HaveRoomAlongTheSteepestAxis) {
+  OrientedMomenta<2, double> momenta({testing::unit_lattice<2>({12, 12}), spread_normals<2>(8), 6, 1.0, 3});
+  const double steep[] = {0.8, -0.6}, flat[] = {-0.6, 0.8};
+  EXPECT_EQ(momenta.steepest_axis(steep), 0);
+  EXPECT_EQ(momenta.steepest_axis(flat), 1);
+  Lattice<2> wide = testing::unit_lattice<2>({12, 12});
+  wide.spacing[0] = 2;
+  EXPECT_EQ((OrientedMomenta<2, double>({wide, spread_normals<2>(8), 6, 1.0, 3}).steepest_axis(steep)), 1);
+}
 
 template <int Dim>
 void expect_the_exact_adjoint() {
@@ -222,6 +273,43 @@ void expect_the_exact_adjoint() {
 
 TEST(OrientedMomenta, HaveTheExactAdjoint2d) { expect_the_exact_adjoint<2>(); }
 TEST(OrientedMomenta, HaveTheExactAdjoint3d) { expect_the_exact_adjoint<3>(); }
+
+// Other registers, other numbers of them in a row.
+template <int Dim>
+void expect_single_precision_to_agree() {
+  const auto wide = small_momenta<Dim>();
+  const OrientedMomenta<Dim, float> narrow({wide.lattice(), wide.options().normals, 3.1, 0.7});
+  const std::vector<std::uint32_t> elements = some_elements(wide);
+  const std::vector<double> values = testing::random_values((Dim - 1) * elements.size(), 8),
+                            dual = testing::random_values(Dim * wide.lattice().sites(), 9);
+  const auto all_of = [&](const auto& momenta, auto zero) {
+    using T = decltype(zero);
+    const std::vector<T> own(values.begin(), values.end()), from(dual.begin(), dual.end());
+    std::vector<T> corners, velocity(from.size()), pulls(own.size()), forces, gradient(own.size());
+    momenta.place(elements, corners);
+    forces.resize(corners.size());
+    momenta.add_velocity(elements, corners.data(), own.data(), velocity.data());
+    momenta.add_velocity_adjoint(elements, corners.data(), own.data(), from.data(), pulls.data(), forces.data());
+    momenta.penalty(elements, own.data(), gradient.data());
+    std::vector<std::vector<double>> results;
+    for (const std::vector<T>* one : {&velocity, &pulls, &forces, &gradient})
+      results.emplace_back(one->begin(), one->end());
+    return results;
+  };
+  const auto exact = all_of(wide, 0.0), rounded = all_of(narrow, 0.0F);
+  for (std::size_t k = 0; k < exact.size(); ++k) {
+    double largest = 0, off = 0;
+    for (std::size_t i = 0; i < exact[k].size(); ++i) {
+      largest = std::max(largest, std::abs(exact[k][i]));
+      off = std::max(off, std::abs(exact[k][i] - rounded[k][i]));
+    }
+    EXPECT_GT(largest, 0.01) << k;
+    EXPECT_LT(off, 2e-5 * largest) << k;
+  }
+}
+
+TEST(OrientedMomenta, AgreeInSinglePrecision2d) { expect_single_precision_to_agree<2>(); }
+TEST(OrientedMomenta, AgreeInSinglePrecision3d) { expect_single_precision_to_agree<3>(); }
 
 template <int Dim>
 void expect_threads_to_change_nothing() {
@@ -294,6 +382,7 @@ TEST(OrientedMomenta, JumpByTheSameAtEveryAngle) {
 
 TEST(OrientedMomenta, RefuseNormalsThatAreNone) {
   EXPECT_THROW((OrientedMomenta<2, float>({small_lattice<2>(), {Vec<2>(1, 1)}, 3.0, 1.0})), InvalidInput);
+  EXPECT_THROW((OrientedMomenta<2, float>({small_lattice<2>(), spread_normals<2>(8), 3.0, 1.0, 0})), InvalidInput);
 }
 
 }  // namespace

@@ -1,0 +1,35 @@
+#include "core/support/signs.h"
+
+#include <gtest/gtest.h>
+
+#include <limits>
+
+namespace saltus {
+namespace {
+
+template <class T, int lanes>
+void expect_lanes_to_be_numbers() {
+  typedef T Register __attribute__((vector_size(lanes * sizeof(T))));
+  const T values[] = {
+      0, T(-0.0), 1, T(-1), T(2.5), T(-1e-30), std::numeric_limits<T>::infinity(), -std::numeric_limits<T>::max()};
+  for (T size : values)
+    for (T sign : values) {
+      Register sizes{}, signs{};
+      sizes[lanes - 1] = size;
+      signs[lanes - 1] = sign;
+      const Register magnitudes = magnitude(sizes), signed_ones = with_sign(sizes, signs);
+      EXPECT_EQ(magnitudes[lanes - 1], std::abs(size));
+      EXPECT_FALSE(std::signbit(magnitudes[lanes - 1]));
+      EXPECT_EQ(signed_ones[lanes - 1], std::copysign(size, sign));
+      EXPECT_EQ(std::signbit(signed_ones[lanes - 1]), std::signbit(sign));
+      EXPECT_EQ(signed_ones[0], 0);
+    }
+}
+
+TEST(Signs, AreTheSameInRegisters) {
+  expect_lanes_to_be_numbers<float, 4>();
+  expect_lanes_to_be_numbers<double, 2>();
+}
+
+}  // namespace
+}  // namespace saltus
