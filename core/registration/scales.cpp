@@ -11,8 +11,13 @@
 namespace saltus {
 namespace {
 
-/// At which the narrower width of order 0 counts half; measured, core/README.md, "Widths".
-constexpr double kNoiseOfFineWidth = 0.015;
+/// How much the narrower width of order 0 counts beside the wider one without noise, and the noise at which it counts
+/// half of that; measured, core/README.md, "Widths".
+struct FineWidth {
+  double weight, half_at;
+};
+template <int Dim>
+constexpr FineWidth kFineWidth = Dim == 3 ? FineWidth{2, 0.008} : FineWidth{0.7, 0.015};
 
 /// Voxels that 3-D images are taken at every second of.
 bool is_fine(double reference_mm) { return 2 * reference_mm <= 3; }
@@ -29,7 +34,7 @@ LeastPromise least_promise(SimilarityType similarity, int dimension) {
     case SimilarityType::Ssd:
       return {2, 1.75, 0.1, 1.3};
     case SimilarityType::Lncc:
-      return dimension == 2 ? everywhere(4.75, 0.6) : everywhere(1, 1.45);
+      return dimension == 2 ? everywhere(4.75, 0.6) : everywhere(0.1, 1.3);
     case SimilarityType::Ncc:
       return everywhere(1, dimension == 2 ? 1.2 : 1.45);
     default:
@@ -103,7 +108,8 @@ RegistrationOptions resolved(const RegistrationOptions& options, const Lattice<D
   if (o.momenta.width_voxels == 0) {
     o.momenta.width_voxels = 6;
     if (is_zeroth_gaussian(o.model) && o.similarity != SimilarityType::Ssd && o.momenta.kernel_widths.empty()) {
-      const double fine = 0.7 / (1 + std::pow(finest_noise / kNoiseOfFineWidth, 2));
+      const FineWidth narrow = kFineWidth<Dim>;
+      const double fine = narrow.weight / (1 + std::pow(finest_noise / narrow.half_at, 2));
       o.momenta.kernel_widths = {{9, 1}};
       if (fine >= 0.01) o.momenta.kernel_widths.push_back({4, std::round(1000 * fine) / 1000});
     }

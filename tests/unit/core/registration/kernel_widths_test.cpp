@@ -102,8 +102,8 @@ std::string chosen(Model model, SimilarityType similarity, double noise, const c
 TEST(KernelWidths, FollowModelSimilarityAndNoiseUnlessTheyAreGiven) {
   for (Model model : {Model::Gaussian, Model::Sliding, Model::Auto}) {
     for (SimilarityType similarity : {SimilarityType::Lncc, SimilarityType::Ncc, SimilarityType::Mi}) {
-      EXPECT_EQ(chosen(model, similarity, 0), " 6 9:1,4:0.7 none");
-      EXPECT_EQ(chosen(model, similarity, 0.015), " 6 9:1,4:0.35 none");  // half at this noise
+      EXPECT_EQ(chosen(model, similarity, 0), " 6 9:1,4:2 none");
+      EXPECT_EQ(chosen(model, similarity, 0.008), " 6 9:1,4:1 none");  // half at this noise
       EXPECT_EQ(chosen(model, similarity, 0.3), " 6 9:1 none");
       EXPECT_EQ(chosen(model, similarity, 0, "width_voxels", "5"), " 5 none none");
       EXPECT_EQ(chosen(model, similarity, 0, "kernel_widths", "7:1"), " 6 7:1 none");
@@ -113,6 +113,18 @@ TEST(KernelWidths, FollowModelSimilarityAndNoiseUnlessTheyAreGiven) {
   }
   for (Model model : {Model::Wendland, Model::Wendland1, Model::Directional})
     EXPECT_EQ(chosen(model, SimilarityType::Lncc, 0), " 6 none none");
+}
+
+TEST(KernelWidths, AreNarrowLessOftenInTwoDimensions) {
+  const auto narrow_weight = [](double noise) {
+    const Lattice<2> square{{128, 128}, {1, 1}, {}};
+    const RegistrationOptions options = default_options(Model::Auto, SimilarityType::Lncc, Preset::Accurate);
+    const RegistrationOptions made = resolved(options, square, noise);
+    EXPECT_EQ(made.momenta.kernel_widths.size(), 2u);
+    return made.momenta.kernel_widths.back().weight;
+  };
+  EXPECT_EQ(narrow_weight(0), 0.7);
+  EXPECT_EQ(narrow_weight(0.015), 0.35);
 }
 
 TEST(Noise, IsThatOfTheFinestLevel) {
