@@ -382,7 +382,7 @@ class PairList {
   }
 
   void show_all() {
-    std::string phase;
+    std::string phase = std::to_string(progress_.done) + ' ';
     for (const RunningPair& one : progress_.running) phase += one.name + ' ';
     display_.show_text(list_progress(progress_), phase);
   }

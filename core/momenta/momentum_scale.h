@@ -31,8 +31,8 @@ struct MomentumScaleOptions {
   Field<double> direction = {};
   /// Normals of oriented momenta (oriented_momenta.h) of the kernel's width and with the weight a_1, beside first
   /// orders. Empty: there are none.
-  int oriented_spacing = 1;  ///< see OrientedOptions
   std::vector<Eigen::Matrix<double, Dim, 1>> normals = {};
+  int oriented_spacing = 1;  ///< of what has these normals, see OrientedOptions
 };
 
 /// Momenta of one kernel on one lattice, as cell averages, and the velocity they make:

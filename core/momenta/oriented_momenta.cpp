@@ -8,6 +8,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <iterator>
 #include <limits>
 #include <numbers>
 #include <numeric>
@@ -102,15 +103,24 @@ OrientedMomenta<Dim, T>::OrientedMomenta(const OrientedOptions<Dim>& options)
     throw InvalidInput("the spacing of oriented momenta is " + std::to_string(options.spacing) +
                        "; it must be 1 or more");
   const Lattice<Dim>& lattice = options_.lattice;
+  Lattice<Dim> sparse = lattice;  // of what has room along all axes
+  for (int a = 0; a < Dim; ++a) {
+    const double in_half_a_width = std::floor(options.width_mm / 2 / lattice.spacing[a] + 1e-9);
+    apart_[a] = static_cast<int>(std::clamp(in_half_a_width, 1.0, static_cast<double>(options.spacing)));
+    sparse.spacing[a] *= apart_[a];
+  }
   for (const Vec<Dim>& normal : options_.normals) {
     if (!(std::abs(normal.norm() - 1) < kUnitLength))
       throw InvalidInput("a normal of oriented momenta has length " + std::to_string(normal.norm()) + "; it must be 1");
     Orientation orientation;
     orientation.axes = axes_of<Dim>(normal);
+    for (int a = 1; a < Dim; ++a)
+      if (std::abs(normal[a]) * lattice.spacing[a] >
+          (1 + kUnitLength) * std::abs(normal[orientation.steepest]) * lattice.spacing[orientation.steepest])
+        orientation.steepest = a;
     AveragedWendland<double> exact[Dim];
     for (int k = 0; k < Dim; ++k) {
-      const double cell =
-          (k == 0 ? 1 : options.spacing) * cell_along<Dim>(lattice, orientation.axes.row(k).transpose());
+      const double cell = cell_along<Dim>(k == 0 ? lattice : sparse, orientation.axes.row(k).transpose());
       exact[k] = AveragedWendland<double>(options_.width_mm, cell);
       orientation.profiles[k] = AveragedWendland<T>(options_.width_mm, cell);
     }
@@ -140,21 +150,21 @@ OrientedMomenta<Dim, T>::OrientedMomenta(const OrientedOptions<Dim>& options)
 }
 
 template <int Dim, class T>
-int OrientedMomenta<Dim, T>::steepest_axis(const T* normal) const {
-  const auto steepness = [&](int a) { return std::abs(normal[a]) / options_.lattice.spacing[a]; };
-  int most = 0;
-  for (int a = 1; a < Dim; ++a)
-    if (steepness(a) > steepness(most)) most = a;
-  return most;
+double OrientedMomenta<Dim, T>::sites_of_each(std::size_t normal) const {
+  double sites = 1;
+  for (int a = 0; a < Dim; ++a)
+    if (a != steepest_axis(normal)) sites *= apart_[a];
+  return sites;
 }
 
 template <int Dim, class T>
-bool OrientedMomenta<Dim, T>::has_room(std::size_t site, int steepest) const {
-  const auto spacing = static_cast<std::size_t>(options_.spacing);
+bool OrientedMomenta<Dim, T>::has_room(Element element) const {
+  std::size_t rest = site_of(element);
   for (int a = 0; a < Dim; ++a) {
     const auto length = static_cast<std::size_t>(options_.lattice.size[a]);
-    if (a != steepest && site % length % spacing != 0) return false;
-    site /= length;
+    if (a != steepest_axis(normal_of(element)) && rest % length % static_cast<std::size_t>(apart_[a]) != 0)
+      return false;
+    rest /= length;
   }
   return true;
 }
@@ -164,10 +174,11 @@ void OrientedMomenta<Dim, T>::turn(std::vector<T> normals) {
   ++turns_;
   turned_normals_ = std::move(normals);
   turned_.clear();
+  candidates_.clear();
   if (turned_normals_.empty()) return;
   for (std::size_t site = 0; site < sites_; ++site) {
     Eigen::Map<Eigen::Matrix<T, Dim, 1>> n(turned_normals_.data() + Dim * site);
-    if (n.squaredNorm() == T(0) || !has_room(site, steepest_axis(n.data()))) continue;
+    if (n.squaredNorm() == T(0)) continue;
     double most = 0;
     std::size_t nearest = 0;
     for (std::size_t k = 0; k < orientations_.size(); ++k) {
@@ -180,6 +191,7 @@ void OrientedMomenta<Dim, T>::turn(std::vector<T> normals) {
     turned_.push_back(static_cast<Element>(nearest * sites_ + site));
   }
   std::sort(turned_.begin(), turned_.end());
+  std::copy_if(turned_.begin(), turned_.end(), std::back_inserter(candidates_), [&](Element e) { return has_room(e); });
 }
 
 template <int Dim, class T>
@@ -314,7 +326,7 @@ template <class Lanes>
       int first[kRows], last[kRows];
 #pragma omp simd
       for (int i = 0; i < kRows; ++i) {
-        // Out of the box: none. Rounding may take a site of the row's ends away from it, but none with a shape.
+        // Rounding may take a site at the ends of a row away, where the shape is next to nothing.
         const bool is_empty = !(least[i] <= most[i] + 1);
         first[i] = is_empty ? 1 : static_cast<int>(std::floor(least[i]));
         last[i] = is_empty ? 0 : static_cast<int>(std::ceil(most[i]));

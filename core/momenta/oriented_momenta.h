@@ -17,7 +17,9 @@ struct OrientedOptions {
   std::vector<Eigen::Matrix<double, Dim, 1>> normals;  ///< in the frame
   double width_mm = 1;                                 ///< sigma of the C0 Wendland profile, along n and across
   double weight = 1;                                   ///< a_1 = 1 / (weight of 1/2 ||v||^2)
-  int spacing = 1;                                     ///< of elements beside each other in their plane, in sites
+  /// Of elements beside each other in their plane, in sites; along axes whose sites are so far apart that half a width
+  /// holds fewer, as many as it holds.
+  int spacing = 1;
 };
 
 /// First-order momenta with the derivative along a normal n and a kernel that is turned with it (numerics, section 7):
@@ -25,8 +27,8 @@ struct OrientedOptions {
 ///     v(x) = a_1 V sum over elements e of m_e S(n_e . (x - x_e)) product over j of V(t_ej . (x - x_e)),
 ///
 /// with V the cell volume, S and V the averaged profiles of averaged_wendland.h (cells as wide as a site of the lattice
-/// is along that direction, in the plane `spacing` of them), t_ej the frame's other axes. A layer of them jumps by as
-/// much as one of axis-aligned momenta m_i of the same size and kernel, whatever way n points.
+/// is along that direction, in the plane as many of them as elements are apart), t_ej the frame's other axes. A layer
+/// of them jumps by as much as one of axis-aligned momenta m_i of the same size and kernel, whatever way n points.
 ///
 /// An *element* is a pair (normal, site), numbered normal * sites + site; only those that a caller lists exist, so
 /// that all costs follow their number. Its momentum lies in its plane, m_e = sum_j c_ej t_ej: it can only slide, and
@@ -53,18 +55,22 @@ class OrientedMomenta {
   std::size_t normal_of(Element element) const { return element / sites_; }
 
   /// Turns elements: at each site the one whose normal is nearest to `normals` there (Dim values a site, unit or 0 for
-  /// none, either sign) has that normal from now on, by the least rotation. All others have those of the options. Of
-  /// the sites only those that are multiples of the spacing along all axes but the steepest.
+  /// none, either sign) has that normal from now on, by the least rotation. All others have those of the options.
   void turn(std::vector<T> normals);
   /// How often that was done.
   std::size_t turns() const { return turns_; }
   /// The elements that were turned, rising.
   const std::vector<Element>& turned() const { return turned_; }
+  /// Those of them that have room: at sites that are multiples of the spacing along all axes but the steepest of the
+  /// options' normal, so that neighbours agree which that is.
+  const std::vector<Element>& candidates() const { return candidates_; }
   /// What `turn` was given, with signs as they are used; empty before.
   const std::vector<T>& turned_normals() const { return turned_normals_; }
 
-  /// The axis along which a plane with this normal is left in the fewest sites.
-  int steepest_axis(const T* normal) const;
+  /// The axis along which a plane with this normal of the options is left in the fewest sites.
+  int steepest_axis(std::size_t normal) const { return orientations_[normal].steepest; }
+  /// Sites of its plane that a candidate with this normal stands for.
+  double sites_of_each(std::size_t normal) const;
 
   /// Corners of elements at time 0, kCornerValues each.
   void place(const std::vector<Element>& elements, std::vector<T>& corners) const;
@@ -97,10 +103,11 @@ class OrientedMomenta {
   struct Orientation {
     Eigen::Matrix<double, Dim, Dim> axes;  ///< at time 0
     AveragedWendland<T> profiles[Dim];     ///< along them
+    int steepest = 0;                      ///< see steepest_axis
     Index<Dim> reach;                      ///< of `gram`, in sites
     std::vector<T> gram;                   ///< of two elements by how far their sites are apart
   };
-  bool has_room(std::size_t site, int steepest) const;
+  bool has_room(Element element) const;
   std::size_t padded_row() const;
   template <class Lanes>
   void visit_lanes(const Orientation& orientation, const Placement& place, int begin, int end, Lanes&& lanes) const;
@@ -113,9 +120,10 @@ class OrientedMomenta {
 
   OrientedOptions<Dim> options_;
   std::size_t sites_;
+  Index<Dim> apart_;  ///< the spacing along each axis
   std::vector<Orientation> orientations_;
   std::vector<T> turned_normals_;
-  std::vector<Element> turned_;
+  std::vector<Element> turned_, candidates_;
   std::size_t turns_ = 0;
   mutable std::vector<T> by_component_;  ///< a field, component after component, in padded rows
 };

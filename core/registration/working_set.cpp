@@ -45,11 +45,10 @@ WorkingSet<Dim, T>::WorkingSet(std::vector<MomentumScale<Dim, T>*> scales, doubl
     // All normals have the same stiffness where samples are cubes; one number must do, and their mean is near.
     const std::size_t normals = oriented.momenta->options().normals.size();
     double stiffness = 0;
-    for (std::size_t n = 0; n < normals; ++n)
-      stiffness += oriented.momenta->stiffness(n) / static_cast<double>(normals);
     // An element stands for the sites beside it that have none, and has to go as far as all of them would.
-    const double sites = std::pow(oriented.momenta->options().spacing, Dim - 1);
-    sparsity_.push_back({0, 0, Dim - 1, weight, sites / stiffness, {}});
+    for (std::size_t n = 0; n < normals; ++n)
+      stiffness += oriented.momenta->stiffness(n) / oriented.momenta->sites_of_each(n) / static_cast<double>(normals);
+    sparsity_.push_back({0, 0, Dim - 1, weight, 1 / stiffness, {}});
   }
   factors_.resize(sparsity_.size());
   lay_out();

@@ -11,7 +11,7 @@ namespace saltus {
 template <int Dim, class T>
 void WorkingSet<Dim, T>::list_candidates(std::size_t scale, const std::vector<T>& x) {
   Oriented& oriented = oriented_[scale];
-  const std::vector<std::uint32_t>& candidates = oriented.momenta->turned();
+  const std::vector<std::uint32_t>& candidates = oriented.momenta->candidates();
   const T* values = x.data() + sparsity_[oriented.range].begin;
   oriented.listed.clear();
   std::set_union(candidates.begin(), candidates.end(), oriented.active.begin(), oriented.active.end(),
@@ -27,8 +27,7 @@ bool WorkingSet<Dim, T>::is_ridge(const Oriented& oriented, std::uint32_t elemen
                                   const std::vector<float>& pull) const {
   const Lattice<Dim>& lattice = oriented.momenta->lattice();
   const std::size_t site = oriented.momenta->site_of(element);
-  const T* normal = oriented.momenta->turned_normals().data() + Dim * site;
-  const int steepest = oriented.momenta->steepest_axis(normal);
+  const int steepest = oriented.momenta->steepest_axis(oriented.momenta->normal_of(element));
   for (int side : {-1, 1}) {
     std::size_t rest = site, stride = 1, beside = 0;
     bool is_inside = true;

@@ -40,7 +40,7 @@ Lattice<Dim> small_lattice() {
 template <int Dim>
 OrientedMomenta<Dim, double> small_momenta(int spacing = 1) {
   return OrientedMomenta<Dim, double>(
-      {small_lattice<Dim>(), spread_normals<Dim>(Dim == 2 ? 8 : 13), 3.1, 0.7, spacing});
+      {small_lattice<Dim>(), spread_normals<Dim>(Dim == 2 ? 8 : 13), 3.1 * spacing, 0.7, spacing});
 }
 
 /// Every seventh element or so, of all normals.
@@ -158,8 +158,12 @@ void expect_the_written_sum(int spacing) {
       untouched.place({elements[e]}, straight);
       const auto axes = OrientedMomenta<Dim, double>::placement(straight.data()).axes;
       double square = 0;
-      for (int a = 0; a < Dim; ++a) square += std::pow(axes(k, a) * lattice.spacing[a], 2);
-      cell[k] = (k == 0 ? 1 : spacing) * std::sqrt(square);
+      for (int a = 0; a < Dim; ++a) {
+        int apart = k == 0 ? 1 : spacing;  // but no more than half a width
+        while (apart > 1 && apart * lattice.spacing[a] > momenta.options().width_mm / 2) --apart;
+        square += std::pow(axes(k, a) * apart * lattice.spacing[a], 2);
+      }
+      cell[k] = std::sqrt(square);
     }
     for (int slab = 0; slab < lattice.size[Dim - 1]; ++slab)
       visit_slab<Dim>(lattice, slab, [&](const Index<Dim>& index, std::size_t site) {
@@ -198,18 +202,21 @@ TEST(OrientedMomenta, TileAPlane) {
     std::vector<double> normals(3 * lattice.sites(), 0.0), corners;
     for (std::size_t row = 0; row < lattice.sites(); row += size) normals[3 * (row + at)] = 1;
     momenta.turn(normals);
-    ASSERT_EQ(momenta.turned().size(), static_cast<std::size_t>(size * size / (spacing * spacing)));
-    for (std::uint32_t element : momenta.turned()) {
+    const std::vector<std::uint32_t>& elements = momenta.candidates();
+    ASSERT_EQ(momenta.turned().size(), static_cast<std::size_t>(size * size));
+    ASSERT_EQ(elements.size(), static_cast<std::size_t>(size * size / (spacing * spacing)));
+    EXPECT_EQ(momenta.sites_of_each(0), spacing * spacing);
+    for (std::uint32_t element : elements) {
       const std::size_t site = momenta.site_of(element);
       EXPECT_EQ(site % size, static_cast<std::size_t>(at));
       EXPECT_EQ(site / size % size % static_cast<std::size_t>(spacing), 0u);
       EXPECT_EQ(site / size / size % static_cast<std::size_t>(spacing), 0u);
     }
-    const std::vector<double> values(2 * momenta.turned().size(), spacing * spacing);
+    const std::vector<double> values(2 * elements.size(), spacing * spacing);
     std::vector<double>& velocity = velocities[spacing > 1];
     velocity.assign(3 * lattice.sites(), 0.0);
-    momenta.place(momenta.turned(), corners);
-    momenta.add_velocity(momenta.turned(), corners.data(), values.data(), velocity.data());
+    momenta.place(elements, corners);
+    momenta.add_velocity(elements, corners.data(), values.data(), velocity.data());
   }
   for (int z = 9; z < 20; ++z)
     for (int y = 9; y < 20; ++y)
@@ -225,14 +232,42 @@ TEST(OrientedMomenta, TileAPlane) {
         }
 }
 
-TEST(OrientedMomenta, HaveRoomAlongTheSteepestAxis) {
-  OrientedMomenta<2, double> momenta({testing::unit_lattice<2>({12, 12}), spread_normals<2>(8), 6, 1.0, 3});
-  const double steep[] = {0.8, -0.6}, flat[] = {-0.6, 0.8};
-  EXPECT_EQ(momenta.steepest_axis(steep), 0);
-  EXPECT_EQ(momenta.steepest_axis(flat), 1);
-  Lattice<2> wide = testing::unit_lattice<2>({12, 12});
-  wide.spacing[0] = 2;
-  EXPECT_EQ((OrientedMomenta<2, double>({wide, spread_normals<2>(8), 6, 1.0, 3}).steepest_axis(steep)), 1);
+// A plane at 37 degrees from z, in voxels as wide as high and in thick slices: one element for as much of it, and no
+// holes.
+TEST(OrientedMomenta, CoverAPlaneInThickSlices) {
+  for (double slice : {1.0, 3.0, 5.0}) {
+    Lattice<3> lattice = testing::unit_lattice<3>({48, 48, static_cast<int>(48 / slice)});
+    lattice.spacing[2] = slice;
+    OrientedMomenta<3, double> momenta({lattice, spread_normals<3>(9), 6, 1.0, 3});
+    const Vec<3> n(std::sin(0.65), 0, std::cos(0.65)), middle(24, 24, 24);
+    std::vector<double> normals(3 * lattice.sites(), 0.0), corners;
+    const auto place_of = [&](std::size_t site) {
+      const std::size_t x = site % 48, y = site / 48 % 48, z = site / (48 * 48);
+      return Vec<3>(static_cast<double>(x), static_cast<double>(y), slice * static_cast<double>(z));
+    };
+    for (std::size_t site = 0; site < lattice.sites(); ++site) Eigen::Map<Vec<3>>(normals.data() + 3 * site) = n;
+    momenta.turn(normals);
+    const int steepest = momenta.steepest_axis(momenta.normal_of(momenta.candidates().front()));
+    EXPECT_EQ(steepest, slice > 1 ? 2 : 0);
+    const double reach = std::abs(n[steepest]) * lattice.spacing[steepest] / 2;
+    std::vector<std::uint32_t> elements;  // those nearest to the plane, one above each that has room in it
+    for (std::uint32_t element : momenta.candidates())
+      if (const double off = n.dot(place_of(momenta.site_of(element)) - middle); off > -reach && off <= reach)
+        elements.push_back(element);
+    std::vector<double> velocity(3 * lattice.sites(), 0.0);
+    const std::vector<double> values(2 * elements.size(), 1.0);
+    momenta.place(elements, corners);
+    momenta.add_velocity(elements, corners.data(), values.data(), velocity.data());
+    double least = 1e300, most = 0;
+    for (std::size_t site = 0; site < lattice.sites(); ++site) {
+      const Vec<3> x = place_of(site) - middle;
+      if (x.norm() > 12 || std::abs(std::abs(n.dot(x)) - 3) > 0.5) continue;
+      const double size = Eigen::Map<const Vec<3>>(velocity.data() + 3 * site).norm();
+      least = std::min(least, size);
+      most = std::max(most, size);
+    }
+    EXPECT_GT(least, 0.4 * most) << slice;
+  }
 }
 
 template <int Dim>

@@ -195,9 +195,10 @@ TEST(OrientedModel, LetsJoinWhatPullsHarderThanItsWeight) {
     std::map<std::size_t, double> pull_at;
     for (std::size_t e = 0; e < turned[s].size(); ++e)
       pull_at[scales[s]->oriented()->site_of(turned[s][e])] = std::abs(gradient[wide.begin + e]);
-    const auto is_most_across = [&](std::size_t site) {
-      const double* n = scales[s]->oriented()->turned_normals().data() + 2 * site;
-      const long beside = std::abs(n[0]) >= std::abs(n[1]) ? 1 : sites.size[0], own = static_cast<long>(site);
+    const auto is_most_across = [&](std::uint32_t element) {
+      const std::size_t site = scales[s]->oriented()->site_of(element);
+      const Eigen::Vector2d n = scales[s]->oriented()->options().normals[scales[s]->oriented()->normal_of(element)];
+      const long beside = std::abs(n[0]) > std::abs(n[1]) - 1e-6 ? 1 : sites.size[0], own = static_cast<long>(site);
       for (long other : {own - beside, own + beside})
         if (const auto at = pull_at.find(static_cast<std::size_t>(other));
             at != pull_at.end() && std::abs(other % sites.size[0] - own % sites.size[0]) <= 1 &&
@@ -209,8 +210,7 @@ TEST(OrientedModel, LetsJoinWhatPullsHarderThanItsWeight) {
     for (std::size_t e = 0; e < turned[s].size(); ++e) {
       const double g = gradient[wide.begin + e];
       const bool is_there = std::binary_search(joined[s].begin(), joined[s].end(), turned[s][e]);
-      EXPECT_EQ(is_there, std::abs(g) > wide.weight && is_most_across(scales[s]->oriented()->site_of(turned[s][e])))
-          << s << " " << turned[s][e];
+      EXPECT_EQ(is_there, std::abs(g) > wide.weight && is_most_across(turned[s][e])) << s << " " << turned[s][e];
       (is_there ? pulling : content) += 1;
       if (is_there) {
         EXPECT_NEAR(state.gradient[own.begin + k++], g, 1e-12 * (1 + std::abs(g)));
