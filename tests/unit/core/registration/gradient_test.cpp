@@ -97,7 +97,8 @@ void expect_taylor_slope_two(const Case& test) {
     for (std::size_t site = 0; site < scales[s]->lattice().sites(); ++site)
       Eigen::Map<Vector<Dim>>(normals.data() + Dim * site).normalize();
     oriented->turn(normals);
-    for (std::size_t i = 0; i < oriented->turned().size(); i += 5) elements[s].push_back(oriented->turned()[i]);
+    const std::vector<std::uint32_t>& candidates = oriented->candidates();
+    for (std::size_t i = 0; i < candidates.size(); i += 5) elements[s].push_back(candidates[i]);
     for (std::uint32_t e = 2; e < oriented->elements(); e += 111) elements[s].push_back(e);
     std::sort(elements[s].begin(), elements[s].end());
     elements[s].erase(std::unique(elements[s].begin(), elements[s].end()), elements[s].end());
