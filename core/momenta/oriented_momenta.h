@@ -22,6 +22,15 @@ struct OrientedOptions {
   int spacing = 1;
 };
 
+/// How far apart elements are along each axis, in sites: the spacing, and no further than half a width.
+template <int Dim>
+Index<Dim> sites_apart(const Lattice<Dim>& lattice, double width_mm, int spacing);
+
+/// How many sites have room for an element, whatever its normal: multiples of what `sites_apart` says along all axes
+/// but one.
+template <int Dim>
+std::size_t sites_with_room(const Lattice<Dim>& lattice, double width_mm, int spacing);
+
 /// First-order momenta with the derivative along a normal n and a kernel that is turned with it (numerics, section 7):
 ///
 ///     v(x) = a_1 V sum over elements e of m_e S(n_e . (x - x_e)) product over j of V(t_ej . (x - x_e)),
@@ -36,7 +45,8 @@ struct OrientedOptions {
 /// x_e: so the plane turns with the flow and is never told by a derivative across the jump. The simplex's first axis
 /// is t_e1.
 ///
-/// Not for concurrent use: holds scratch memory. Threads inside (OpenMP); results do not depend on their number.
+/// Not for concurrent use: holds scratch memory. Threads inside (OpenMP); results do not depend on their number. What
+/// visits the sites around elements is in oriented_synthesis.cpp.
 template <int Dim, class T>
 class OrientedMomenta {
  public:
@@ -120,7 +130,7 @@ class OrientedMomenta {
 
   OrientedOptions<Dim> options_;
   std::size_t sites_;
-  Index<Dim> apart_;  ///< the spacing along each axis
+  Index<Dim> apart_;  ///< see sites_apart
   std::vector<Orientation> orientations_;
   std::vector<T> turned_normals_;
   std::vector<Element> turned_, candidates_;

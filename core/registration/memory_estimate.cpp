@@ -1,3 +1,4 @@
+#include "core/momenta/oriented_momenta.h"
 #include "core/registration/register_images.h"
 #include "core/registration/scales.h"
 #include "core/similarity/similarity.h"
@@ -67,19 +68,13 @@ std::size_t memory_estimate(const ImageGrid<Dim>& fixed, const ImageGrid<Dim>& m
       if (m.sparsity > 0) bytes += sites * 2 * Dim * vector;
       if (options.model == Model::Directional) bytes += sites * 2 * Dim * vector;
       // Oriented momenta: normals, and a field in padded rows, at all sites, weights (and those before them) for all
-      // elements. One element may join at a site that has room for one, of which there are so many lines for each axis.
+      // elements. One element may join at a site that has room for one.
       if (m.orientations > 0) {
         const Lattice<Dim> lattice = level_lattice(image, q);
         const double row = lattice.size[0], padded = (row + static_cast<double>(kRegisterLanes<float>)) / row;
         bytes += sites * ((2 + padded) * vector + 2 * m.orientations * scalar);
-        // Where an axis has sites so far apart that it leaves out fewer, one element a site is a bound as well.
-        const auto [least, most] = std::minmax_element(lattice.spacing.begin(), lattice.spacing.end());
-        const bool is_even = *most < 1.01 * *least;
-        const int spacing = is_even ? kElementSpacing<Dim> : 1;
-        double share = 0;  // of the sites along an axis
-        for (int length : lattice.size)
-          share = std::max(share, static_cast<double>((length + spacing - 1) / spacing) / length);
-        unknowns += (Dim - 1) * sites * (Dim * std::pow(share, Dim - 1) - (Dim - 1) * std::pow(share, Dim));
+        unknowns += (Dim - 1) * static_cast<double>(sites_with_room(lattice, first_order_width(image, options, q),
+                                                                    kElementSpacing<Dim>));
       }
     }
     // L-BFGS, see MinimiserState, and one vector on its way while momenta join; a checkpoint goes straight to a file.

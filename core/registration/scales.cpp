@@ -134,7 +134,21 @@ KernelSum kernel_of(const RegistrationOptions::Momenta& momenta, Orders orders, 
   return KernelSum(std::move(components));
 }
 
+/// Both orders of a scale share a lattice sweep when they share the kernel.
+bool shares_kernel(const RegistrationOptions& options, int q) {
+  const RegistrationOptions::Momenta& m = options.momenta;
+  return !is_zeroth_gaussian(options.model) && q >= m.finest_scale && q < m.finest_scale + m.scales;
+}
+
 }  // namespace
+
+template <int Dim>
+double first_order_width(const Lattice<Dim>& image, const RegistrationOptions& options, int q) {
+  const double reference = *std::min_element(image.spacing.begin(), image.spacing.end());
+  return kernel_of(options.momenta, shares_kernel(options, q) ? Orders::ZerothAndFirst : Orders::First,
+                   std::ldexp(reference, q), make_wendland_profile)
+      .width();
+}
 
 template <int Dim, class T>
 std::vector<PlacedScale<Dim, T>> make_scales(const Lattice<Dim>& image, const RegistrationOptions& options,
@@ -166,8 +180,7 @@ std::vector<PlacedScale<Dim, T>> make_scales(const Lattice<Dim>& image, const Re
       made.first_weight = 1 / momenta.first_order_regularisation;
       scales.push_back({q, std::make_unique<MomentumScale<Dim, T>>(made)});
     };
-    // Both orders share a lattice sweep when they share the kernel.
-    if (zeroth && first && !gaussian) {
+    if (zeroth && first && shares_kernel(options, q)) {
       place(Orders::ZerothAndFirst, make_wendland_profile);
       continue;
     }
@@ -181,6 +194,8 @@ template RegistrationOptions resolved(const RegistrationOptions&, const Lattice<
 template RegistrationOptions resolved(const RegistrationOptions&, const Lattice<3>&, double);
 template Lattice<2> level_lattice(const Lattice<2>&, int);
 template Lattice<3> level_lattice(const Lattice<3>&, int);
+template double first_order_width(const Lattice<2>&, const RegistrationOptions&, int);
+template double first_order_width(const Lattice<3>&, const RegistrationOptions&, int);
 template std::vector<PlacedScale<2, float>> make_scales(const Lattice<2>&, const RegistrationOptions&,
                                                         const Field<double>&);
 template std::vector<PlacedScale<3, float>> make_scales(const Lattice<3>&, const RegistrationOptions&,

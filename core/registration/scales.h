@@ -31,6 +31,10 @@ Lattice<Dim> level_lattice(const Lattice<Dim>& image, int level);
 template <int Dim>
 RegistrationOptions resolved(const RegistrationOptions& options, const Lattice<Dim>& image, double noise = 0);
 
+/// Width of the kernel of the first-order momenta of scale q, mm, by resolved options.
+template <int Dim>
+double first_order_width(const Lattice<Dim>& image, const RegistrationOptions& options, int q);
+
 /// The scales that resolved options ask for, coarsest first. Scale q lives on the lattice of level q; its kernel has
 /// the width width_voxels * reference spacing * 2^q, or is the sum of widths that kernel_widths (order 1 alone:
 /// first_order_kernel_widths) asks for. The order-0 kernel of `sliding` is Gaussian, its order-1 kernel Wendland.

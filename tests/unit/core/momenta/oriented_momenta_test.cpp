@@ -232,6 +232,25 @@ TEST(OrientedMomenta, TileAPlane) {
         }
 }
 
+// The union over the normals, counted by asking each.
+TEST(OrientedMomenta, HaveRoomAtSoManySites) {
+  Lattice<3> lattice;
+  lattice.size = {7, 8, 11};
+  lattice.spacing = {1, 1.5, 4};
+  OrientedOptions<3> options{lattice, {}, 6, 1, 3};
+  for (int a = 0; a < 3; ++a) options.normals.push_back(Eigen::Vector3d::Unit(a));
+  OrientedMomenta<3, double> momenta(options);
+  std::set<std::size_t> sites;
+  for (const Eigen::Vector3d& normal : options.normals) {
+    std::vector<double> normals(3 * lattice.sites());
+    for (std::size_t i = 0; i < normals.size(); ++i) normals[i] = normal[static_cast<Eigen::Index>(i % 3)];
+    momenta.turn(normals);
+    for (const auto element : momenta.candidates()) sites.insert(momenta.site_of(element));
+  }
+  EXPECT_EQ(sites_apart(lattice, options.width_mm, options.spacing), (Index<3>{3, 2, 1}));
+  EXPECT_EQ(sites_with_room(lattice, options.width_mm, options.spacing), sites.size());
+}
+
 // A plane at 37 degrees from z, in voxels as wide as high and in thick slices: one element for as much of it, and no
 // holes.
 TEST(OrientedMomenta, CoverAPlaneInThickSlices) {
