@@ -35,49 +35,55 @@ struct AveragedWendland {
 
   T reach() const { return sigma + half; }
 
-  /// What is left of 1 at the ends of the cell at r, as all that follows wants it; of a number or a register of them.
+  /// Of the cell at r, as all that follows wants it, all in sigma; of a number or a register of them. The cell's ends
+  /// are the nearer and the farther one, those of the cell at |r|: value is even, slope odd.
   template <class V>
   struct Ends {
-    V below, above;  ///< r - h/2 and r + h/2
-    V low, high;     ///< 1 - |.| / sigma there, or 0
+    V r;
+    V near_end;   ///< below 0 where the cell holds the momentum's place
+    V near, far;  ///< what is left of 1 at the ends: 1 - |end|, or 0
   };
   template <class V>
-  [[gnu::always_inline]] V rest(V r) const {
-    const V left = T(1) - magnitude(r) * per_sigma;
-    return left > 0 ? left : V{};  // std::max gives a reference, which no loop in lanes likes
-  }
-  template <class V>
   [[gnu::always_inline]] Ends<V> ends(V r) const {
-    const V below = r - half, above = r + half;
-    return {below, above, rest(below), rest(above)};
+    const V away = magnitude(r);
+    const V near_end = away * per_sigma - half * per_sigma;
+    return {r, near_end, positive_part<V>(T(1) - magnitude(near_end)),
+            positive_part<V>((T(1) - half * per_sigma) - away * per_sigma)};
+  }
+  /// V / value_scale and S / slope_scale.
+  template <class V>
+  [[gnu::always_inline]] V value_shape(const Ends<V>& at) const {
+    return (T(1) - at.far * at.far * at.far) - with_sign<V>(T(1) - at.near * at.near * at.near, at.near_end);
   }
   template <class V>
-  [[gnu::always_inline]] V value(const Ends<V>& at) const {
-    return value_scale * (with_sign<V>(T(1) - at.high * at.high * at.high, at.above) -
-                          with_sign<V>(T(1) - at.low * at.low * at.low, at.below));
+  [[gnu::always_inline]] V slope_shape(const Ends<V>& at) const {
+    return with_sign_flipped<V>(at.far * at.far - at.near * at.near, at.r);
+  }
+  /// Their derivatives, where they exist.
+  template <class V>
+  [[gnu::always_inline]] V value_shape_derivative(const Ends<V>& at) const {
+    return T(3) * per_sigma * slope_shape(at);
   }
   template <class V>
-  [[gnu::always_inline]] V slope(const Ends<V>& at) const {
-    return slope_scale * (at.high - at.low) * (at.high + at.low);
+  [[gnu::always_inline]] V slope_shape_derivative(const Ends<V>& at) const {
+    return T(2) * per_sigma * (with_sign<V>(at.near, at.near_end) - at.far);
   }
-  /// S'(r), where it exists.
-  template <class V>
-  [[gnu::always_inline]] V slope_derivative(const Ends<V>& at) const {
-    return T(2) * slope_scale * per_sigma * (with_sign<V>(at.low, at.below) - with_sign<V>(at.high, at.above));
-  }
-  T value(T r) const { return value(ends(r)); }
-  T slope(T r) const { return slope(ends(r)); }
-  T slope_derivative(T r) const { return slope_derivative(ends(r)); }
+  T value(T r) const { return value_scale * value_shape(ends(r)); }
+  T slope(T r) const { return slope_scale * slope_shape(ends(r)); }
+  T slope_derivative(T r) const { return slope_scale * slope_shape_derivative(ends(r)); }
 
   T value_gram(T r) const {
     const auto second = [this](T at) {  // antiderivative of the antiderivative of k0, divided by mass
-      const T q = rest(at);
+      const T q = positive_part(T(1) - std::abs(at) * per_sigma);
       return std::abs(at) / 2 - sigma / 8 * (1 - q * q * q * q);
     };
     return second_difference(r, second);
   }
   T slope_gram(T r) const {
-    return -T(1.5) * sigma * second_difference(r, [this](T at) { return rest(at) * rest(at); });
+    return -T(1.5) * sigma * second_difference(r, [this](T at) {
+      const T q = positive_part(T(1) - std::abs(at) * per_sigma);
+      return q * q;
+    });
   }
 
  private:

@@ -119,6 +119,7 @@ class OrientedMomenta {
   };
   bool has_room(Element element) const;
   std::size_t padded_row() const;
+  static T shape_scale(const Orientation& orientation);
   template <class Lanes>
   void visit_lanes(const Orientation& orientation, const Placement& place, int begin, int end, Lanes&& lanes) const;
   struct Pull {

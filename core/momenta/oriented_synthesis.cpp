@@ -151,6 +151,14 @@ template <class Lanes>
   }
 }
 
+/// What the product of the profiles' shapes is short of.
+template <int Dim, class T>
+T OrientedMomenta<Dim, T>::shape_scale(const Orientation& orientation) {
+  T scale = orientation.profiles[0].slope_scale;
+  for (int k = 1; k < Dim; ++k) scale *= orientation.profiles[k].value_scale;
+  return scale;
+}
+
 template <int Dim, class T>
 void OrientedMomenta<Dim, T>::add_velocity(const std::vector<Element>& elements, const T* corners, const T* momenta,
                                            T* velocity) const {
@@ -174,16 +182,17 @@ void OrientedMomenta<Dim, T>::add_velocity(const std::vector<Element>& elements,
       const T* c = momenta + kComponents * e;
       if (std::all_of(c, c + kComponents, [](T value) { return value == T(0); })) continue;
       const Placement place = placement(corners + kCornerValues * e);
+      const Orientation& orientation = orientations_[normal_of(elements[e])];
+      const T scale = factor * shape_scale(orientation);
       T vector[Dim] = {};
       for (int j = 1; j < Dim; ++j)
-        for (int a = 0; a < Dim; ++a) vector[a] += factor * c[j - 1] * place.axes(j, a);
-      const Orientation& orientation = orientations_[normal_of(elements[e])];
+        for (int a = 0; a < Dim; ++a) vector[a] += scale * c[j - 1] * place.axes(j, a);
       AveragedWendland<T> p[Dim];
       std::copy_n(orientation.profiles, Dim, p);
       T* out = by_component_.data();
       visit_lanes(orientation, place, begin, end, [&](std::size_t at, const Register<T>* r) {
-        Register<T> shape = p[0].slope(p[0].ends(r[0]));
-        for (int k = 1; k < Dim; ++k) shape *= p[k].value(p[k].ends(r[k]));
+        Register<T> shape = p[0].slope_shape(p[0].ends(r[0]));
+        for (int k = 1; k < Dim; ++k) shape *= p[k].value_shape(p[k].ends(r[k]));
         for (int a = 0; a < Dim; ++a) {
           T* to = out + static_cast<std::size_t>(a) * field + at;
           store<T>(load<T>(to) + shape * vector[a], to);
@@ -219,7 +228,7 @@ auto OrientedMomenta<Dim, T>::pull(const Orientation& orientation, const Placeme
     for (int k = 0; k < Dim; ++k) {
       own[k] = load<T>(dual + static_cast<std::size_t>(k) * field + at);
       ends[k] = p[k].ends(r[k]);
-      f[k] = k == 0 ? p[k].slope(ends[k]) : p[k].value(ends[k]);
+      f[k] = k == 0 ? p[k].slope_shape(ends[k]) : p[k].value_shape(ends[k]);
     }
     Register<T> shape = f[0] * f[1];
     if constexpr (Dim == 3) shape *= f[2];
@@ -229,7 +238,7 @@ auto OrientedMomenta<Dim, T>::pull(const Orientation& orientation, const Placeme
       for (int a = 1; a < Dim; ++a) g += v[a] * own[a];
       Register<T> term[Dim];
       for (int k = 0; k < Dim; ++k) {
-        term[k] = g * (k == 0 ? p[k].slope_derivative(ends[k]) : p[k].slope(ends[k]) * p[k].per_sigma);
+        term[k] = g * (k == 0 ? p[k].slope_shape_derivative(ends[k]) : p[k].value_shape_derivative(ends[k]));
         for (int other = 0; other < Dim; ++other)
           if (other != k) term[k] *= f[other];
         force[k] += term[k];
@@ -238,10 +247,11 @@ auto OrientedMomenta<Dim, T>::pull(const Orientation& orientation, const Placeme
         for (int l = k + 1; l < Dim; ++l, ++pair) turning[pair] += term[k] * r[l] - term[l] * r[k];
     }
   });
-  const auto total = [](const Register<T>& lanes) {
+  const T scale = shape_scale(orientation);
+  const auto total = [scale](const Register<T>& lanes) {
     T sum = 0;
     for (std::size_t i = 0; i < kRegisterLanes<T>; ++i) sum += lanes[i];
-    return sum;
+    return scale * sum;
   };
   Pull found;
   for (int k = 0, pair = 0; k < Dim; ++k) {

@@ -13,8 +13,10 @@ namespace saltus {
 namespace {
 
 /// Iterations from one look at what is outside the working set to the next: few enough at first that what is missing
-/// joins soon; twice as many each time that the set stayed as it was, so that looks in vain hardly show.
+/// joins soon; twice as many each time that hardly anything joined, so that looks in vain hardly show.
 constexpr int kFirstLookGap = 5, kLargestLookGap = 40;
+/// The share of a range that has to join for a look not to have been in vain, and for a run to go on.
+constexpr double kLeastJoined = 0.05;
 
 template <class T>
 double dot(const std::vector<T>& a, const std::vector<T>& b) {
@@ -250,11 +252,12 @@ MinimiseSummary minimise(Objective<T>& objective, const MinimiseOptions& options
   };
   // The last evaluation looked everywhere, at state.x: lets in what wants to take part.
   const auto revise_after_look = [&](int iteration) {
-    const bool has_changed = objective.revise(state);
+    const Revision revision = objective.revise(state);
     state.looked_at = iteration;
-    state.look_gap = has_changed ? kFirstLookGap : 2 * std::clamp(state.look_gap, kFirstLookGap, kLargestLookGap / 2);
-    if (has_changed) state.revised_at = iteration;
-    return has_changed;
+    const bool is_more = revision.joined > kLeastJoined;
+    state.look_gap = is_more ? kFirstLookGap : 2 * std::clamp(state.look_gap, kFirstLookGap, kLargestLookGap / 2);
+    if (is_more) state.revised_at = iteration;
+    return revision;
   };
 
   if (!state.has_begun()) {
@@ -277,9 +280,9 @@ MinimiseSummary minimise(Objective<T>& objective, const MinimiseOptions& options
     objective.look_everywhere(true);
     double sparse_here = 0;
     total(state.x, next_gradient, next_preconditioned, sparse_here);
-    if (!revise_after_look(iteration)) return false;
-    fit();
-    return true;
+    const Revision revision = revise_after_look(iteration);
+    if (revision.has_changed) fit();
+    return revision.joined > kLeastJoined;
   };
 
   bool is_told = true;  // whether `accepted` knows of the last step
@@ -387,7 +390,8 @@ MinimiseSummary minimise(Objective<T>& objective, const MinimiseOptions& options
     next_preconditioned.resize(state.preconditioned.size());
     state.energies.push_back(next_energy);
     sparse = next_sparse;
-    if (is_look ? revise_after_look(done + 1) : objective.revise(state)) fit();
+    const Revision revision = is_look ? revise_after_look(done + 1) : objective.revise(state);
+    if (revision.has_changed) fit();
     is_told = false;
   }
 }

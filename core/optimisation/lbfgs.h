@@ -68,7 +68,7 @@ struct MinimiserState {
   int evaluations = 0;
   int looked_at = 0;    ///< iteration after which all that is outside the working set was looked at last
   int look_gap = 0;     ///< iterations from there to the next look
-  int revised_at = -1;  ///< iteration after which a look changed the working set last; -1: none
+  int revised_at = -1;  ///< iteration after which a look let in more than little last; -1: none
   int settled_at = -1;  ///< iteration after which the energy had settled and only what joined kept it going; -1: none
 
   bool has_begun() const { return !energies.empty(); }
@@ -83,10 +83,10 @@ struct MinimiserState {
 /// length of the whole energy and P the preconditioner: 0 exactly at a stationary point. The objective may revise its
 /// working set after each step; pairs hold 0 for unknowns that they were made without, which leaves s . y as it is.
 /// What is outside the working set is looked at after five iterations, then after ten more and so on up to forty, after
-/// five again once a look changed the set, and before a run ends for any reason but its limit or being stopped: one
-/// that converges does so where nothing more wants to take part. One that had settled when something joined goes on
-/// for five iterations at least, and ends when these bring too little as well. `accepted` is called after
-/// each accepted step, when the state is complete, and says whether to go on.
+/// five again once a look let in more than a twentieth of a range, and before a run ends for any reason but its limit
+/// or being stopped: one that converges does so where no more than that wants to take part, and that little is part of
+/// x. One that had settled when more joined goes on for five iterations at least, and ends when these bring too little
+/// as well. `accepted` is called after each accepted step, when the state is complete, and says whether to go on.
 ///
 /// A state that has begun goes on after its last step, of which `accepted` is not told again; the summary counts from
 /// the beginning. When the objective throws, the state is still that of the last accepted step. Throws NumericalFailure

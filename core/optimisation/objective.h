@@ -22,6 +22,12 @@ struct GroupSparsity {
   double weight_of(std::size_t index) const { return factors.empty() ? weight : weight * factors[index]; }
 };
 
+/// What became of a working set.
+struct Revision {
+  bool has_changed = false;
+  double joined = 0;  ///< the share of a range of sparsity() that has just joined, of that with the largest
+};
+
 template <class T>
 struct MinimiserState;
 
@@ -55,8 +61,8 @@ class Objective {
   /// Called at the start and after each accepted step, when the last evaluation was at state.x: may add unknowns at 0
   /// (when that evaluation looked everywhere), and may drop groups that are 0 in x and in every s of the pairs,
   /// from all vectors of the state alike. What is added has its own gradient, and 0 in the pairs. size() and sparsity()
-  /// follow, and energies stay what they are. Returns whether anything has changed.
-  virtual bool revise(MinimiserState<T>& /*state*/) { return false; }
+  /// follow, and energies stay what they are.
+  virtual Revision revise(MinimiserState<T>& /*state*/) { return {}; }
 };
 
 }  // namespace saltus

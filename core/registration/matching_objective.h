@@ -58,7 +58,7 @@ class MatchingObjective final : public Objective<T> {
   const std::vector<GroupSparsity>& sparsity() const override { return set_.sparsity(); }
   bool has_more() const override { return set_.has_more(); }
   void look_everywhere(bool everywhere) override { set_.look_everywhere(everywhere); }
-  bool revise(MinimiserState<T>& state) override { return set_.revise(state); }
+  Revision revise(MinimiserState<T>& state) override { return set_.revise(state); }
 
   /// What there is of the momenta, and their weights.
   WorkingSet<Dim, T>& working_set() { return set_; }

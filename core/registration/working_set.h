@@ -37,7 +37,9 @@ struct FirstOrderPromise {
 /// Without sparsity all blocks are active.
 ///
 /// After a scale's order-1 fields lie its oriented momenta (oriented_momenta.h), those of the active elements only.
-/// Elements join and leave like blocks, one by one. Those that may join are the ones that `turn` has turned.
+/// Elements join and leave like blocks, one by one, and leave as well whenever anything else changes. Those that may
+/// join are candidates of `turn`: which of them, and beside what is there only with a multiple of the weight, so that a
+/// minimum leaves out elements that would add little.
 template <int Dim, class T>
 class WorkingSet {
  public:
@@ -53,7 +55,7 @@ class WorkingSet {
   /// As Objective says of them.
   bool has_more() const;
   void look_everywhere(bool everywhere) { looks_everywhere_ = everywhere && lets_blocks_join_; }
-  bool revise(MinimiserState<T>& state);
+  Revision revise(MinimiserState<T>& state);
 
   /// Numbers of the active blocks of each order-1 field, in x's order.
   std::vector<std::vector<std::uint32_t>> active_blocks() const;
@@ -140,7 +142,8 @@ class WorkingSet {
   void weigh_with_oriented(const SparsityRound& round, std::size_t scale, const std::vector<T>& x);
   void list_candidates(std::size_t scale, const std::vector<T>& x);
   bool wanted_blocks(MinimiserState<T>& state, std::vector<std::vector<char>>& wanted);
-  bool is_ridge(const Oriented& oriented, std::uint32_t element, const std::vector<float>& pull) const;
+  template <class IsSo>
+  bool any_beside(const Oriented& oriented, std::uint32_t element, IsSo&& is_so) const;
   std::vector<std::uint32_t> wanted_elements(const Oriented& oriented, const MinimiserState<T>& state, bool& changes);
   Layout layout() const;
   void reshape(const Layout& before, std::vector<T>& values) const;

@@ -6,6 +6,13 @@
 #include <iterator>
 
 namespace saltus {
+namespace {
+
+/// How many times its weight an element has to pull to join beside one that is active: what it could add, that one
+/// makes nearly as well.
+constexpr double kBesideActive = 2.5;
+
+}  // namespace
 
 /// What may join beside the active elements, for a look at x.
 template <int Dim, class T>
@@ -21,27 +28,18 @@ void WorkingSet<Dim, T>::list_candidates(std::size_t scale, const std::vector<T>
   pick_elements<Dim>(oriented.active, values, oriented.listed, oriented.values.data());
 }
 
-/// Whether none of the two sites beside an element's, along its normal's steepest axis, pulls harder.
+/// Whether any of the two sites beside an element's, along its normal's steepest axis, is_so(site).
 template <int Dim, class T>
-bool WorkingSet<Dim, T>::is_ridge(const Oriented& oriented, std::uint32_t element,
-                                  const std::vector<float>& pull) const {
+template <class IsSo>
+bool WorkingSet<Dim, T>::any_beside(const Oriented& oriented, std::uint32_t element, IsSo&& is_so) const {
   const Lattice<Dim>& lattice = oriented.momenta->lattice();
-  const std::size_t site = oriented.momenta->site_of(element);
   const int steepest = oriented.momenta->steepest_axis(oriented.momenta->normal_of(element));
-  for (int side : {-1, 1}) {
-    std::size_t rest = site, stride = 1, beside = 0;
-    bool is_inside = true;
-    for (int a = 0; a < Dim; ++a) {
-      const auto length = static_cast<std::size_t>(lattice.size[a]);
-      const long at = static_cast<long>(rest % length) + (a == steepest ? side : 0);
-      is_inside = is_inside && at >= 0 && at < lattice.size[a];
-      beside += static_cast<std::size_t>(at) * stride;
-      rest /= length;
-      stride *= length;
-    }
-    if (is_inside && pull[beside] > pull[site]) return false;
-  }
-  return true;
+  const std::size_t site = oriented.momenta->site_of(element);
+  std::size_t stride = 1;
+  for (int a = 0; a < steepest; ++a) stride *= static_cast<std::size_t>(lattice.size[a]);
+  const auto length = static_cast<std::size_t>(lattice.size[steepest]);
+  const std::size_t at = site / stride % length;
+  return (at > 0 && is_so(site - stride)) || (at + 1 < length && is_so(site + stride));
 }
 
 /// The elements that are to be there from now on; `changes` becomes true when they are not those that are.
@@ -67,21 +65,30 @@ std::vector<std::uint32_t> WorkingSet<Dim, T>::wanted_elements(const Oriented& o
     for (const CurvaturePair<T>& pair : state.pairs) stays = stays || !is_zero(pair.s.data() + at);
     if (stays) staying.push_back(oriented.active[e]);
   }
-  // Of those that pull side by side across an interface the one that pulls most joins; a neighbour may when it still
-  // pulls at the next look.
-  std::vector<float> pull(oriented.listed.empty() ? 0 : oriented.momenta->lattice().sites());
+  // Of those that pull side by side across an interface the one that pulls most joins.
+  const std::size_t sites = oriented.listed.empty() ? 0 : oriented.momenta->lattice().sites();
+  std::vector<float> pull(sites);
   for (std::size_t e = 0; e < oriented.listed.size(); ++e) {
     float& most = pull[oriented.momenta->site_of(oriented.listed[e])];
     most = std::max(most, static_cast<float>(excess(oriented.listed[e], oriented.gradient.data() + (Dim - 1) * e)));
   }
-  for (std::size_t e = 0; e < oriented.listed.size(); ++e)
-    if (excess(oriented.listed[e], oriented.gradient.data() + (Dim - 1) * e) > 1 &&
-        !std::binary_search(oriented.active.begin(), oriented.active.end(), oriented.listed[e]) &&
-        is_ridge(oriented, oriented.listed[e], pull))
-      joining.push_back(oriented.listed[e]);
+  std::vector<char> is_taken(sites);
+  if (sites > 0)
+    for (std::uint32_t element : oriented.active) is_taken[oriented.momenta->site_of(element)] = 1;
+  for (std::size_t e = 0; e < oriented.listed.size(); ++e) {
+    const std::uint32_t element = oriented.listed[e];
+    const double pulled = excess(element, oriented.gradient.data() + (Dim - 1) * e);
+    if (!(pulled > 1) || std::binary_search(oriented.active.begin(), oriented.active.end(), element)) continue;
+    const std::size_t site = oriented.momenta->site_of(element);
+    if (any_beside(oriented, element, [&](std::size_t beside) { return pull[beside] > pull[site]; })) continue;
+    if (pulled > kBesideActive || !any_beside(oriented, element, [&](std::size_t beside) { return is_taken[beside]; }))
+      joining.push_back(element);
+  }
   const std::size_t idle = oriented.active.size() - staying.size();
-  const bool shrinks = idle > 0 && 4 * idle >= oriented.active.size();
-  changes = changes || shrinks || !joining.empty();
+  // Where x changes anyhow, nothing is lost by leaving.
+  changes = changes || !joining.empty();
+  const bool shrinks = idle > 0 && (changes || 4 * idle >= oriented.active.size());
+  changes = changes || shrinks;
   const std::vector<std::uint32_t>& kept = shrinks ? staying : oriented.active;
   std::vector<std::uint32_t> now;
   std::merge(kept.begin(), kept.end(), joining.begin(), joining.end(), std::back_inserter(now));
@@ -169,25 +176,39 @@ void WorkingSet<Dim, T>::fetch_gradients(const Layout& before, MinimiserState<T>
     }
 }
 
+namespace {
+
+/// The share of those that are there now, and were not before; both rise.
+double joined_share(const std::vector<std::uint32_t>& before, const std::vector<std::uint32_t>& now) {
+  std::vector<std::uint32_t> joined;
+  std::set_difference(now.begin(), now.end(), before.begin(), before.end(), std::back_inserter(joined));
+  return now.empty() ? 0 : static_cast<double>(joined.size()) / static_cast<double>(now.size());
+}
+
+}  // namespace
+
 template <int Dim, class T>
-bool WorkingSet<Dim, T>::revise(MinimiserState<T>& state) {
+Revision WorkingSet<Dim, T>::revise(MinimiserState<T>& state) {
   std::vector<std::vector<char>> wanted;
   bool changes = wanted_blocks(state, wanted);
   std::vector<std::vector<std::uint32_t>> elements(scales_.size());
   for (std::size_t s = 0; s < scales_.size(); ++s)
     if (oriented_[s].momenta) elements[s] = wanted_elements(oriented_[s], state, changes);
-  if (!changes) return false;
+  if (!changes) return {};
 
+  Revision revision{true};
   const Layout before = layout();
   for (std::size_t s = 0; s < scales_.size(); ++s)
     for (std::size_t r = first_[s].range; r < first_[s].range + first_[s].fields; ++r) {
       std::vector<std::uint32_t> numbers;
       for (std::size_t block = 0; block < wanted[r].size(); ++block)
         if (wanted[r][block]) numbers.push_back(static_cast<std::uint32_t>(block));
+      revision.joined = std::max(revision.joined, joined_share(blocks_[r].active(), numbers));
       blocks_[r] = BlockSet<Dim>(scales_[s]->lattice(), std::move(numbers));
     }
   std::vector<std::vector<std::uint32_t>> looked(scales_.size());  // lay_out forgets them
   for (std::size_t s = 0; s < scales_.size(); ++s) {
+    revision.joined = std::max(revision.joined, joined_share(oriented_[s].active, elements[s]));
     oriented_[s].active = std::move(elements[s]);
     looked[s] = oriented_[s].listed;
   }
@@ -206,7 +227,7 @@ bool WorkingSet<Dim, T>::revise(MinimiserState<T>& state) {
     pick_elements<Dim>(looked[s], oriented_[s].gradient.data(), oriented_[s].active,
                        state.gradient.data() + sparsity_[oriented_[s].range].begin);
   }
-  return true;
+  return revision;
 }
 
 template <int Dim, class T>
@@ -245,7 +266,7 @@ FirstOrderPromise WorkingSet<Dim, T>::promise(std::vector<T>& gradient, double s
 
 #define SALTUS_REVISION(DIM, T)                                                          \
   template void WorkingSet<DIM, T>::list_candidates(std::size_t, const std::vector<T>&); \
-  template bool WorkingSet<DIM, T>::revise(MinimiserState<T>&);                          \
+  template Revision WorkingSet<DIM, T>::revise(MinimiserState<T>&);                      \
   template FirstOrderPromise WorkingSet<DIM, T>::promise(std::vector<T>&, double);
 SALTUS_REVISION(2, float)
 SALTUS_REVISION(3, float)

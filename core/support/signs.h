@@ -5,6 +5,10 @@
 #include <limits>
 #include <type_traits>
 
+#ifdef __AVX__
+#include <immintrin.h>
+#endif
+
 namespace saltus {
 
 // Of numbers, and of registers of them (GNU vector types), where they are one instruction.
@@ -16,6 +20,16 @@ template <std::floating_point T>
 template <std::floating_point T>
 [[gnu::always_inline]] inline T with_sign(T size, T sign) {
   return std::copysign(size, sign);
+}
+/// size * (sign of `sign`)
+template <std::floating_point T>
+[[gnu::always_inline]] inline T with_sign_flipped(T size, T sign) {
+  return std::signbit(sign) ? -size : size;
+}
+/// The larger of this and 0.
+template <std::floating_point T>
+[[gnu::always_inline]] inline T positive_part(T value) {
+  return value > 0 ? value : T(0);  // std::max gives a reference, which no loop in lanes likes
 }
 
 /// The bits of a register of numbers, and of those the signs.
@@ -32,6 +46,30 @@ template <class V>
 [[gnu::always_inline]] inline V with_sign(V size, V sign) {
   return reinterpret_cast<V>((reinterpret_cast<SignBits<V>>(size) & ~kSignBit<V>) |
                              (reinterpret_cast<SignBits<V>>(sign) & kSignBit<V>));
+}
+template <class V>
+[[gnu::always_inline]] inline V with_sign_flipped(V size, V sign) {
+  return reinterpret_cast<V>(reinterpret_cast<SignBits<V>>(size) ^ (reinterpret_cast<SignBits<V>>(sign) & kSignBit<V>));
+}
+/// Left to itself the compiler compares and selects.
+template <class V>
+[[gnu::always_inline]] inline V positive_part(V value) {
+  using T = std::remove_cvref_t<decltype(value[0])>;
+#ifdef __AVX512F__
+  if constexpr (sizeof(V) == 64 && std::is_same_v<T, float>)
+    return reinterpret_cast<V>(
+        _mm512_maskz_max_ps(static_cast<__mmask16>(-1), reinterpret_cast<__m512>(value), _mm512_setzero_ps()));
+  if constexpr (sizeof(V) == 64 && std::is_same_v<T, double>)
+    return reinterpret_cast<V>(
+        _mm512_maskz_max_pd(static_cast<__mmask8>(-1), reinterpret_cast<__m512d>(value), _mm512_setzero_pd()));
+#endif
+#ifdef __AVX__
+  if constexpr (sizeof(V) == 32 && std::is_same_v<T, float>)
+    return reinterpret_cast<V>(_mm256_max_ps(reinterpret_cast<__m256>(value), _mm256_setzero_ps()));
+  if constexpr (sizeof(V) == 32 && std::is_same_v<T, double>)
+    return reinterpret_cast<V>(_mm256_max_pd(reinterpret_cast<__m256d>(value), _mm256_setzero_pd()));
+#endif
+  return value > T(0) ? value : V{};
 }
 
 }  // namespace saltus

@@ -270,15 +270,15 @@ class Chain final : public Objective<double> {
     return {0.5 * (x - 1) * (x - 1) + 0.5 * (y - x) * (y - x), true};
   }
   double first_step(const std::vector<double>&) override { return 1e-3; }
-  bool revise(MinimiserState<double>& state) override {
-    if (has_second_ || std::abs(seen_) <= 0.3) return false;
+  Revision revise(MinimiserState<double>& state) override {
+    if (has_second_ || std::abs(seen_) <= 0.3) return {};
     has_second_ = true;
     state.x.push_back(0);
     state.gradient.push_back(seen_);
     state.preconditioned.push_back(seen_);
     for (CurvaturePair<double>& pair : state.pairs)
       for (std::vector<double>* values : {&pair.s, &pair.y, &pair.y_preconditioned}) values->push_back(0);
-    return true;
+    return {true, 0.5};
   }
 
   int looks_taken = 0, evaluations = 0;
@@ -341,9 +341,9 @@ class OneByOne final : public Objective<double> {
     return {energy, true};
   }
   double first_step(const std::vector<double>&) override { return 1e-2; }
-  bool revise(MinimiserState<double>& state) override {
+  Revision revise(MinimiserState<double>& state) override {
     // Not at the start, where nothing has settled yet.
-    if (!looks_ || !has_more() || state.iterations() == 0 || ++looked_ < 2) return false;
+    if (!looks_ || !has_more() || state.iterations() == 0 || ++looked_ < 2) return {};
     looked_ = 0;
     ++present_;
     joined_at.push_back(state.iterations());
@@ -352,7 +352,7 @@ class OneByOne final : public Objective<double> {
     state.preconditioned.push_back(-4);
     for (CurvaturePair<double>& pair : state.pairs)
       for (std::vector<double>* values : {&pair.s, &pair.y, &pair.y_preconditioned}) values->push_back(0);
-    return true;
+    return {true, 0.5};
   }
 
   std::vector<int> joined_at;
@@ -411,14 +411,14 @@ class Trickle final : public Objective<double> {
     return {energy, true};
   }
   double first_step(const std::vector<double>&) override { return 1e-2; }
-  bool revise(MinimiserState<double>& state) override {
-    if (!looks_) return false;
+  Revision revise(MinimiserState<double>& state) override {
+    if (!looks_) return {};
     ++size_;
     state.x.push_back(0);
     for (std::vector<double>* values : {&state.gradient, &state.preconditioned}) values->push_back(-kWorth);
     for (CurvaturePair<double>& pair : state.pairs)
       for (std::vector<double>* values : {&pair.s, &pair.y, &pair.y_preconditioned}) values->push_back(0);
-    return true;
+    return {true, 0.5};
   }
 
  private:

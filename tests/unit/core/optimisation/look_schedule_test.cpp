@@ -13,7 +13,9 @@ namespace {
 /// them joins at each of the given iterations, when that is one that looks.
 class Growing final : public Objective<double> {
  public:
-  explicit Growing(std::set<int> joins, std::size_t held = kSize - 4) : joins_(std::move(joins)), held_(held) {}
+  /// `share`: of a range, that joins each time.
+  explicit Growing(std::set<int> joins, std::size_t held = kSize - 4, double share = 0.1)
+      : joins_(std::move(joins)), held_(held), share_(share) {}
 
   std::size_t size() const override { return held_; }
   bool has_more() const override { return true; }
@@ -30,17 +32,17 @@ class Growing final : public Objective<double> {
     return {value, true};
   }
   double first_step(const std::vector<double>&) override { return 1e-7; }
-  bool revise(MinimiserState<double>& state) override {
-    if (!looks_) return false;
+  Revision revise(MinimiserState<double>& state) override {
+    if (!looks_) return {};
     looked_at.push_back(state.iterations());
-    if (joins_.count(state.iterations()) == 0) return false;
+    if (joins_.count(state.iterations()) == 0) return {};
     ++held_;
     state.x.push_back(0);
     state.gradient.push_back(-std::pow(10.0, 0.06 * static_cast<double>(held_ - 1)));
     state.preconditioned.push_back(state.gradient.back());
     for (CurvaturePair<double>& pair : state.pairs)
       for (std::vector<double>* values : {&pair.s, &pair.y, &pair.y_preconditioned}) values->push_back(0);
-    return true;
+    return {true, share_};
   }
 
   std::vector<int> looked_at;  ///< iterations after which it was asked for what was outside
@@ -49,6 +51,7 @@ class Growing final : public Objective<double> {
   static constexpr std::size_t kSize = 120;
   std::set<int> joins_;
   std::size_t held_;
+  double share_;
   bool looks_ = true;
 };
 
@@ -79,6 +82,13 @@ TEST(LookSchedule, StartsAgainOnceSomethingHasJoined) {
   EXPECT_EQ(looks(Growing({0})), (std::vector<int>{0, 5, 15, 35, 75, 115, 155}));
   EXPECT_EQ(looks(Growing({5})), (std::vector<int>{0, 5, 10, 20, 40, 80, 120, 160}));
   EXPECT_EQ(looks(Growing({35, 40, 50})), (std::vector<int>{0, 5, 15, 35, 40, 45, 55, 75, 115, 155}));
+}
+
+TEST(LookSchedule, GoesOnWhenHardlyAnythingJoins) {
+  std::vector<MinimiserState<double>> states;
+  EXPECT_EQ(looks(Growing({5, 15}, 100, 0.04), &states), (std::vector<int>{0, 5, 15, 35, 75, 115, 155}));
+  EXPECT_EQ(states.back().x.size(), 102u) << "what joins is there all the same";
+  EXPECT_EQ(looks(Growing({5}, 100, 0.06)), (std::vector<int>{0, 5, 10, 20, 40, 80, 120, 160}));
 }
 
 TEST(LookSchedule, StaysWhatItIsWhenTheRunIsTakenUpAgainFromAnyStep) {
