@@ -1,5 +1,6 @@
 #include "core/registration/image_pyramid.h"
 
+#include "core/grid/contrast.h"
 #include "core/grid/noise.h"
 #include "core/grid/pyramid.h"
 #include "core/registration/finish.h"
@@ -82,6 +83,9 @@ ImagePyramid<Dim>::ImagePyramid(const RegistrationInput<Dim>& input, const Regis
   const std::vector<float> moving_weights = binary(input.moving_mask);
   noise_ = options.similarity_parameters.noise;
   if (noise_ < 0) measure_noise(fixed_weights, moving_weights);
+  if (options.similarity == SimilarityType::Ssd)
+    contrast_ = rms_gradient<Dim>(fixed_lattice_, scaled(input.fixed, fixed_weights).data(),
+                                  fixed_weights.empty() ? nullptr : fixed_weights.data());
   if (options.pyramid.region_margin >= 0) find_region(fixed_weights, moving_weights);
 }
 

@@ -5,6 +5,7 @@
 #include "core/registration/matching_objective.h"
 #include "core/registration/register_images.h"
 
+#include <limits>
 #include <optional>
 #include <vector>
 
@@ -24,6 +25,9 @@ class ImagePyramid {
   /// Standard deviation of the noise, the root mean square of both images': with ssd in units of the scaled
   /// intensities, else each in units of its own range.
   double noise() const { return noise_; }
+  /// rms_gradient of the fixed image, in units of the scaled intensities; infinite with other similarities than ssd,
+  /// which make intensities alike by themselves.
+  double contrast() const { return contrast_; }
   /// Where the images of a level are compared: with region_margin, around what either of them (the moving one after the
   /// affine start) shows beside background within its noise, or where a mask lets it be seen; else the whole fixed
   /// image. Momenta and flow do not end there.
@@ -59,7 +63,7 @@ class ImagePyramid {
   Lattice<Dim> fixed_lattice_, moving_lattice_;
   AffineMap<Dim> to_moving_;
   IntensityRange range_;  ///< of the fixed image
-  double noise_ = 0;
+  double noise_ = 0, contrast_ = std::numeric_limits<double>::infinity();
   Vector<Dim> region_low_, region_high_;  ///< frame, mm
   bool has_region_ = false;
 };

@@ -52,12 +52,15 @@ struct RegistrationOptions {
                             ///< where accurate takes voxels of up to 1.5 mm; -2: the next coarser
     double regularisation = 0.01;              ///< weight of 1/2 ||v_0||^2, per mm^2; 0: by similarity, and with ssd
                                                ///< less in 3-D, as measured (core/README.md, "Regularisation")
+    double regularisation_beside_first = 0;    ///< that, once first orders take part; 0: no other
     int first_order_scales = 0;                ///< number of order-1 scales; 0 leaves order 1 out
     int first_order_finest_scale = -1;         ///< as finest_scale, for order 1 (-1 or more)
     double first_order_regularisation = 0.01;  ///< weight of 1/2 ||v_i||^2, per mm^2
     double sparsity = 0;                       ///< lambda of the group L1 on a_1 m_i (a velocity), per mm
     double sparsity_noise = 0;  ///< lambda is `sparsity` times 1 + (noise of the finest level's images) / this; 0: it
                                 ///< does not follow the noise
+    double full_contrast = 0;   ///< of rms_gradient, intensity range a voxel of the finest level: with ssd, where an
+                                ///< image has less, lambda and regularisation_beside_first are less; 0: they are not
     int sparsity_path = 1;  ///< weights lambda 2^(n-1), ..., lambda that a level is solved with, one after the other
     int reweighted_rounds = 0;      ///< times that a level is solved again with weights made from the momenta found
     bool debias = false;            ///< a last round without sparsity on the momenta found

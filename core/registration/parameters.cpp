@@ -256,6 +256,11 @@ const std::vector<Parameter>& parameters() {
           "regularisation", "per mm^2", 0, Lower::Inclusive, inf,
           "weight of the order-0 part of the energy; 0: by similarity, with ssd 3e-6 in 2-D and 1e-6 in 3-D",
           [](O & o) -> auto& { return o.momenta.regularisation; }),
+      real(
+          "regularisation_beside_first", "per mm^2", 0, Lower::Inclusive, inf,
+          "weight of the order-0 part once first orders take part; 0: that of regularisation, or what full_contrast "
+          "says",
+          [](O & o) -> auto& { return o.momenta.regularisation_beside_first; }),
       integer(
           "first_order_scales", "", 0, 8, "number of order-1 scales; 0 leaves order 1 out",
           [](O & o) -> auto& { return o.momenta.first_order_scales; }),
@@ -275,6 +280,13 @@ const std::vector<Parameter>& parameters() {
           "sparsity counts 1 + (standard deviation of the noise on the finest level) / this times, twice at this "
           "noise; 0: it does not follow the noise",
           [](O & o) -> auto& { return o.momenta.sparsity_noise; }),
+      real(
+          "full_contrast", "intensity range", 0, Lower::Inclusive, inf,
+          "with ssd: where the fixed image's root mean square gradient over a voxel of the finest level is a share of "
+          "this, "
+          "sparsity counts its square and order 0 beside first orders that share, the less the more noise there is; a "
+          "quarter at least; 0: they do not follow it",
+          [](O & o) -> auto& { return o.momenta.full_contrast; }),
       integer(
           "sparsity_path", "", 1, 12, "weights that a level goes through, each half the one before, down to sparsity",
           [](O & o) -> auto& { return o.momenta.sparsity_path; }),

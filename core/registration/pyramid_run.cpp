@@ -42,12 +42,13 @@ PyramidRun<Dim>::PyramidRun(const RegistrationInput<Dim>& input, const Registrat
                             const Field<double>& directions, bool is_blank, const ProgressCallback& progress,
                             const Checkpointing& checkpointing)
     : options_(resolved(asked, lattice_of(input.fixed.grid))),
+      directions_(directions),
       is_blank_(is_blank),
       progress_(progress),
       checkpointing_(checkpointing),
       pyramid_(input, options_) {
-  // Noise is known now that there is a pyramid; what follows it is not used before the first level.
-  options_ = resolved(asked, pyramid_.fixed_lattice(), pyramid_.noise());
+  // Noise and contrast are known now that there is a pyramid; what follows them is not used before the first level.
+  options_ = resolved(asked, pyramid_.fixed_lattice(), {pyramid_.noise(), pyramid_.contrast()});
   scales_ = make_scales<Dim, Scalar>(pyramid_.fixed_lattice(), options_, directions);
   summary_.noise = pyramid_.noise();
   if (const std::optional<IndexBox<Dim>> region = pyramid_.region())
@@ -165,6 +166,8 @@ void PyramidRun<Dim>::begin_level(std::size_t step) {
   how_.tolerance = options_.optimisation.tolerance;
   how_.history = options_.optimisation.history;
   how_.optimality_tolerance = options_.optimisation.optimality_tolerance;
+
+  if (has_first_ && (!decides_ || level_.decision == FirstOrderDecision::LetIn)) begin_beside_first_orders();
 
   std::vector<Scalar>& momenta = reached_.minimiser.x;
   make_objective(rounds_[is_resumed_ ? level_.rounds - 1 : 0]);
@@ -284,6 +287,7 @@ bool PyramidRun<Dim>::first_orders_are_worth_it() {
   else if (!options_.momenta.first_order_waits)
     momenta = std::move(reached_.level_start);
   reached_.level_start.clear();
+  if (is_worth_it) begin_beside_first_orders();
   ++level_.evaluations;
   level_.decision = is_worth_it ? FirstOrderDecision::LetIn : FirstOrderDecision::LeftOut;
   level_.first_order_gain = promise.gain;
@@ -292,6 +296,24 @@ bool PyramidRun<Dim>::first_orders_are_worth_it() {
     for (std::size_t step = step_; step < levels_.size(); ++step)
       meter_.expect(step, planned_work(levels_[step], true));
   return is_worth_it;
+}
+
+/// From here on order 0 has the weight that it has beside first orders, and momenta that make the same velocity.
+template <int Dim>
+void PyramidRun<Dim>::begin_beside_first_orders() {
+  const double alone = options_.momenta.regularisation, beside = options_.momenta.regularisation_beside_first;
+  if (is_beside_first_ || beside == 0 || beside == alone) return;
+  is_beside_first_ = true;
+  const bool has_objective = objective_ != nullptr;
+  objective_.reset();
+  active_.clear();
+  RegistrationOptions options = options_;
+  options.momenta.regularisation = beside;
+  scales_ = make_scales<Dim, Scalar>(pyramid_.fixed_lattice(), options, directions_);
+  // No first-order momentum is other than 0 yet. Those of a checkpoint have been changed.
+  if (!is_resumed_)
+    for (Scalar& value : reached_.minimiser.x) value *= static_cast<Scalar>(beside / alone);
+  if (has_objective) make_objective(rounds_[1]);
 }
 
 template <int Dim>

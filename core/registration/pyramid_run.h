@@ -36,7 +36,7 @@ class PyramidRun {
   /// Until the finest level has ended or the callback asks to stop. Once only.
   void run();
 
-  /// What was asked for, resolved for the images and their noise.
+  /// What was asked for, resolved for the images, their noise and contrast.
   const RegistrationOptions& options() const { return options_; }
   const ImagePyramid<Dim>& pyramid() const { return pyramid_; }
   /// Levels, history and termination; times until now.
@@ -61,6 +61,7 @@ class PyramidRun {
   void make_objective(const SparsityRound& round);
   void choose_map_steps();
   bool first_orders_are_worth_it();
+  void begin_beside_first_orders();
   void begin_round(std::size_t round);
   void minimise_round(std::size_t round);
   void count_round();
@@ -72,6 +73,7 @@ class PyramidRun {
   void count_level_time(LevelSummary& at) const;
 
   RegistrationOptions options_;
+  const Field<double>& directions_;
   const bool is_blank_;
   const ProgressCallback& progress_;
   const Checkpointing& checkpointing_;
@@ -84,6 +86,7 @@ class PyramidRun {
   std::uint64_t job_ = 0;
   Checkpoint reached_;  ///< where the run stands; what only a blob needs is filled in when one is made
   bool is_resumed_ = false;
+  bool is_beside_first_ = false;  ///< whether order 0 has the weight that it has beside first orders
   RegistrationSummary summary_;
 
   int map_steps_ = 1;  ///< of the next level

@@ -19,6 +19,9 @@ struct FineWidth {
 template <int Dim>
 constexpr FineWidth kFineWidth = Dim == 3 ? FineWidth{2, 0.008} : FineWidth{0.7, 0.015};
 
+/// Of full_contrast: an image may be all but blank, and something has to hold momenta back.
+constexpr double kLeastContrast = 0.25;
+
 /// Voxels that 3-D images are taken at every second of.
 bool is_fine(double reference_mm) { return 2 * reference_mm <= 3; }
 
@@ -51,7 +54,7 @@ Lattice<Dim> level_lattice(const Lattice<Dim>& image, int level) {
 }
 
 template <int Dim>
-RegistrationOptions resolved(const RegistrationOptions& options, const Lattice<Dim>& image, double noise) {
+RegistrationOptions resolved(const RegistrationOptions& options, const Lattice<Dim>& image, const ImageTraits& traits) {
   const double reference_mm = *std::min_element(image.spacing.begin(), image.spacing.end());
   double largest_axis = 0;  // in reference voxels
   for (int axis = 0; axis < Dim; ++axis)
@@ -78,7 +81,7 @@ RegistrationOptions resolved(const RegistrationOptions& options, const Lattice<D
     while (levels < 8 && largest_axis / (1 << (levels - 1)) >= 32) ++levels;
     o.pyramid.levels = std::max(levels, finest + 1);
   }
-  const double finest_noise = noise_of_level(noise, image, level_lattice(image, finest));
+  const double finest_noise = noise_of_level(traits.noise, image, level_lattice(image, finest));
   if (o.momenta.finest_scale < 0) {
     int scale = finest - 1 - o.momenta.finest_scale;
     // Images that accurate takes finer than balanced are for seeing more, not for narrower kernels. And a Gaussian of
@@ -117,6 +120,19 @@ RegistrationOptions resolved(const RegistrationOptions& options, const Lattice<D
   if (o.momenta.sparsity_noise > 0) {
     o.momenta.sparsity *= 1 + finest_noise / o.momenta.sparsity_noise;
     o.momenta.sparsity_noise = 0;  // it has been followed
+  }
+  if (o.momenta.full_contrast > 0 && o.similarity == SimilarityType::Ssd) {
+    // What noise hides in, ssd leaves over anyhow: the part of its weights that is due to noise stays.
+    const double beside_noise = std::pow(finest_noise / o.similarity_parameters.ssd_residual, 2);
+    const auto share = [&](double without_noise) { return (without_noise + beside_noise) / (1 + beside_noise); };
+    const double contrast = std::ldexp(traits.contrast, finest) / o.momenta.full_contrast;
+    if (contrast < 1) {
+      const double counted = std::max(contrast, kLeastContrast);
+      o.momenta.sparsity *= share(counted * counted);
+      if (o.momenta.regularisation_beside_first == 0)
+        o.momenta.regularisation_beside_first = o.momenta.regularisation * share(counted);
+    }
+    o.momenta.full_contrast = 0;  // it has been followed
   }
   if (o.momenta.scales == 0) o.momenta.scales = std::max(1, o.pyramid.levels - o.momenta.finest_scale);
   return o;
@@ -190,8 +206,8 @@ std::vector<PlacedScale<Dim, T>> make_scales(const Lattice<Dim>& image, const Re
   return scales;
 }
 
-template RegistrationOptions resolved(const RegistrationOptions&, const Lattice<2>&, double);
-template RegistrationOptions resolved(const RegistrationOptions&, const Lattice<3>&, double);
+template RegistrationOptions resolved(const RegistrationOptions&, const Lattice<2>&, const ImageTraits&);
+template RegistrationOptions resolved(const RegistrationOptions&, const Lattice<3>&, const ImageTraits&);
 template Lattice<2> level_lattice(const Lattice<2>&, int);
 template Lattice<3> level_lattice(const Lattice<3>&, int);
 template double first_order_width(const Lattice<2>&, const RegistrationOptions&, int);

@@ -3,6 +3,7 @@
 #include "core/momenta/momentum_scale.h"
 #include "core/registration/options.h"
 
+#include <limits>
 #include <memory>
 #include <vector>
 
@@ -25,11 +26,19 @@ inline constexpr int kElementSpacing = Dim == 3 ? 3 : 1;
 template <int Dim>
 Lattice<Dim> level_lattice(const Lattice<Dim>& image, int level);
 
-/// Replaces what is automatic (levels, scales, widths, what follows the noise) by what it means for a fixed image on
-/// this lattice and its noise, a standard deviation as a share of the intensity range. What is resolved stays as it is
-/// when resolved again. No noise asks for the most memory.
+/// What of an image the options may follow.
+struct ImageTraits {
+  double noise = 0;  ///< standard deviation, as a share of the intensity range
+  /// Intensity range a voxel at full resolution, see rms_gradient; infinite where nothing asks for it.
+  double contrast = std::numeric_limits<double>::infinity();
+};
+
+/// Replaces what is automatic (levels, scales, widths, what follows noise and contrast) by what it means for a fixed
+/// image like that on this lattice. What is resolved stays as it is when resolved again. No noise asks for the most
+/// memory.
 template <int Dim>
-RegistrationOptions resolved(const RegistrationOptions& options, const Lattice<Dim>& image, double noise = 0);
+RegistrationOptions resolved(const RegistrationOptions& options, const Lattice<Dim>& image,
+                             const ImageTraits& traits = {});
 
 /// Width of the kernel of the first-order momenta of scale q, mm, by resolved options.
 template <int Dim>

@@ -55,7 +55,12 @@ std::string measured_from(const std::string& name, const ReportInput<Dim>& input
   if (name == "regularisation" ||
       (name.starts_with("first_order_") && (name.ends_with("gain") || name.ends_with("shear"))))
     return "from the similarity and the dimension, for which it was measured";
-  if (name == "sparsity") return "from the noise on the finest level (sparsity_noise)";
+  if (name == "regularisation_beside_first")
+    return "from the fixed image's contrast, which is low (full_contrast), and the noise";
+  if (name == "sparsity")
+    return input.options->similarity == SimilarityType::Ssd
+               ? "from the fixed image's contrast, which is low (full_contrast), and the noise"
+               : "from the noise on the finest level (sparsity_noise)";
   return "from the levels";
 }
 
@@ -71,7 +76,8 @@ std::vector<Choice> choices(const ReportInput<Dim>& input) {
     const auto in_use = used.find(asked.name), by_default = defaults.find(asked.name);
     const bool is_set = by_default != defaults.end() && by_default->second != asked.value;
     const bool is_filled_in = in_use != used.end() && in_use->second != asked.value &&
-                              asked.name != "sparsity_noise";  // used up: what follows it says so
+                              asked.name != "sparsity_noise" &&  // used up: what follows them says so
+                              asked.name != "full_contrast";
     if (asked.name == "width_voxels" && !is_set && !has_one_width) continue;
     if (is_set)
       found.push_back(

@@ -149,6 +149,23 @@ TEST(Checkpoint, ResumesWhereFirstOrdersWereAskedForWithTheSameEnd) {
     }
 }
 
+// Order 0 gets another weight as soon as first orders are there, and other momenta for it.
+TEST(Checkpoint, ResumesWhereOrder0HasAnotherWeightBesideFirstOrdersWithTheSameEnd) {
+  for (double gain : {0.0, 1e-9}) {
+    SCOPED_TRACE(gain);
+    RegistrationOptions options = quick();
+    options.optimisation.max_iterations = 6;
+    options.momenta.sparsity = 1e-5;
+    options.momenta.first_order_gain = gain;
+    options.momenta.first_order_shear = 0;
+    const RegistrationResult<2> alike = register_images<2>(plane(), options);
+    options.momenta.regularisation_beside_first = alike.options.momenta.regularisation / 4;
+    EXPECT_NE(register_images<2>(plane(), options).summary.levels.back().energy_after,
+              alike.summary.levels.back().energy_after);
+    resumes_anywhere<2>(plane(), options);
+  }
+}
+
 TEST(Checkpoint, ResumesAtAnyStepWithTheSameEnd3d) {
   RegistrationInput<3> input = pair_of<3>(centred_grid<3>({14, 12, 8}, {1, 1, 1.5}, Matrix<3>::Identity()));
   input.fixed_mask = Volume<3>(input.fixed.grid, 1.0f);

@@ -86,7 +86,7 @@ std::string chosen(Model model, SimilarityType similarity, double noise, const c
                    const char* value = nullptr) {
   RegistrationOptions options = default_options(model, similarity, Preset::Accurate);  // to full resolution
   if (name) set_parameter(options, name, value);
-  const RegistrationOptions made = resolved(options, kCube, noise), again = resolved(made, kCube, noise);
+  const RegistrationOptions made = resolved(options, kCube, {noise}), again = resolved(made, kCube, {noise});
   std::string text;
   for (const RegistrationOptions& once : {made, again}) {
     std::string found;
@@ -119,7 +119,7 @@ TEST(KernelWidths, AreNarrowLessOftenInTwoDimensions) {
   const auto narrow_weight = [](double noise) {
     const Lattice<2> square{{128, 128}, {1, 1}, {}};
     const RegistrationOptions options = default_options(Model::Auto, SimilarityType::Lncc, Preset::Accurate);
-    const RegistrationOptions made = resolved(options, square, noise);
+    const RegistrationOptions made = resolved(options, square, {noise});
     EXPECT_EQ(made.momenta.kernel_widths.size(), 2u);
     return made.momenta.kernel_widths.back().weight;
   };
@@ -133,10 +133,10 @@ TEST(Noise, IsThatOfTheFinestLevel) {
   const double asked = options.momenta.sparsity;
   // A voxel of that level averages eight, so that the noise there is 0.04, at which the weight is doubled.
   const double noise = 0.04 * std::sqrt(8.0);
-  const RegistrationOptions made = resolved(options, kCube, noise);
+  const RegistrationOptions made = resolved(options, kCube, {noise});
   EXPECT_NEAR(made.momenta.sparsity, 2 * asked, 1e-12);
-  EXPECT_NEAR(resolved(made, kCube, noise).momenta.sparsity, 2 * asked, 1e-12);
-  EXPECT_EQ(resolved(options, kCube, 0).momenta.sparsity, asked);
+  EXPECT_NEAR(resolved(made, kCube, {noise}).momenta.sparsity, 2 * asked, 1e-12);
+  EXPECT_EQ(resolved(options, kCube, {0}).momenta.sparsity, asked);
 }
 
 // Slices of 5 mm are as they are on levels of 2 and 4 mm; nor are three slices coarsened, however thin.
@@ -147,7 +147,7 @@ TEST(Noise, FallsOnlyAlongAxesThatTheLevelCoarsens) {
       RegistrationOptions options = default_options(Model::Sliding, SimilarityType::Lncc, Preset::Balanced);
       const double asked = options.momenta.sparsity;
       set_parameter(options, "finest_level", std::to_string(level));
-      EXPECT_NEAR(resolved(options, slices, 0.04 * (1 << level)).momenta.sparsity, 2 * asked, 1e-12) << level;
+      EXPECT_NEAR(resolved(options, slices, {0.04 * (1 << level)}).momenta.sparsity, 2 * asked, 1e-12) << level;
     }
 }
 

@@ -7,6 +7,7 @@
 #include <cmath>
 #include <map>
 #include <numbers>
+#include <set>
 
 #include "core/evaluation/field_error.h"
 #include "core/phantom/make_phantom.h"
@@ -123,50 +124,87 @@ TEST(OrientedModel, HalvesTheErrorBesideAnInterfaceThatIsOblique) {
   EXPECT_LT(with, 0.75 * without) << with << " and " << without;
 }
 
+/// A level on which order 0 has settled and elements may join at the next look.
+struct SettledSlip {
+  const Slip slip;
+  std::vector<PlacedScale<2, double>> placed;
+  std::vector<MomentumScale<2, double>*> scales;
+  MatchingLevel<2, double> level;
+  std::vector<double> x;
+
+  SettledSlip() {
+    const Lattice<2> lattice = lattice_of(slip.input.fixed.grid);
+    const RegistrationOptions options = resolved(oriented_options(), lattice);
+    placed = make_scales<2, double>(lattice, options);
+    for (auto& scale : placed) scales.push_back(scale.scale.get());
+    const std::vector<float>& samples = slip.input.fixed.samples;
+    const double range =
+        *std::max_element(samples.begin(), samples.end()) - *std::min_element(samples.begin(), samples.end());
+    level.lattice = level.moving.lattice = lattice;
+    for (float sample : samples) level.fixed.push_back(sample / range);
+    for (float sample : slip.input.moving.samples) level.moving.samples.push_back(sample / range);
+    level.moving.linear = Matrix<2>::Identity();
+    level.moving.offset = Vector<2>::Zero();
+    level.time_steps = 2;
+    level.divergence_weight = 1e-2;
+    level.evolution = Evolution::Carried;
+    auto objective = make();
+    objective.working_set().set_active_blocks({});
+    MinimiseOptions how;
+    how.max_iterations = 15;
+    x.assign(objective.size(), 0.0);
+    objective.weigh({SparsityRound::Weights::Even, 1, false}, x);
+    minimise<double>(objective, how, x, [](const MinimiseStep&) { return true; });
+    for (const auto& list : objective.working_set().active_elements()) EXPECT_TRUE(list.empty());
+  }
+
+  MatchingObjective<2, double> make() const {
+    return MatchingObjective<2, double>(
+        scales, level, make_similarity<2, double>(SimilarityType::Ssd, level.lattice, {}, 1.0), 4e-4, {}, 0.5);
+  }
+
+  /// Looks at `at` and lets in what wants to take part.
+  MinimiserState<double> look(MatchingObjective<2, double>& objective, const std::vector<double>& at) const {
+    objective.look_everywhere(true);
+    MinimiserState<double> state(at);
+    state.gradient.resize(at.size());
+    state.preconditioned.resize(at.size());
+    EXPECT_TRUE(objective.evaluate(at, state.gradient, state.preconditioned).is_valid);
+    objective.revise(state);
+    return state;
+  }
+
+  /// Beside an element's site, along the axis that its normal is nearest to.
+  std::vector<std::size_t> beside(std::size_t scale, std::uint32_t element) const {
+    const OrientedMomenta<2, double>& oriented = *scales[scale]->oriented();
+    const Lattice<2>& sites = scales[scale]->lattice();
+    const long own = static_cast<long>(oriented.site_of(element));
+    const Eigen::Vector2d n = oriented.options().normals[oriented.normal_of(element)];
+    const bool is_x = std::abs(n[0]) > std::abs(n[1]) - 1e-6;
+    const long step = is_x ? 1 : sites.size[0];
+    std::vector<std::size_t> found;
+    for (long other : {own - step, own + step})
+      if (other >= 0 && other < static_cast<long>(sites.sites()) &&
+          (!is_x || other / sites.size[0] == own / sites.size[0]))
+        found.push_back(static_cast<std::size_t>(other));
+    return found;
+  }
+};
+
 // Those that join are those that pull harder than their weight, of all that were turned, and no less than what lies
 // beside them across the interface; with the gradient that they have when they are there from the start.
 TEST(OrientedModel, LetsJoinWhatPullsHarderThanItsWeight) {
   omp_set_num_threads(1);
-  const Slip slip;
-  const Lattice<2> lattice = lattice_of(slip.input.fixed.grid);
-  const RegistrationOptions options = resolved(oriented_options(), lattice);
-  auto placed = make_scales<2, double>(lattice, options);
-  std::vector<MomentumScale<2, double>*> scales;
-  for (auto& scale : placed) scales.push_back(scale.scale.get());
-  const std::vector<float>& samples = slip.input.fixed.samples;
-  const double range =
-      *std::max_element(samples.begin(), samples.end()) - *std::min_element(samples.begin(), samples.end());
-  MatchingLevel<2, double> level;
-  level.lattice = level.moving.lattice = lattice;
-  for (float sample : samples) level.fixed.push_back(sample / range);
-  for (float sample : slip.input.moving.samples) level.moving.samples.push_back(sample / range);
-  level.moving.linear = Matrix<2>::Identity();
-  level.moving.offset = Vector<2>::Zero();
-  level.time_steps = 2;
-  level.divergence_weight = 1e-2;
-  level.evolution = Evolution::Carried;
-  const auto make = [&] {
-    return MatchingObjective<2, double>(
-        scales, level, make_similarity<2, double>(SimilarityType::Ssd, lattice, {}, 1.0), 4e-4, {}, 0.5);
-  };
-  auto objective = make();
+  const SettledSlip settled;
+  const auto& scales = settled.scales;
+  const std::vector<double>& x = settled.x;
+  auto objective = settled.make();
   objective.working_set().set_active_blocks({});
-  MinimiseOptions how;
-  how.max_iterations = 15;
-  std::vector<double> x(objective.size(), 0.0);
-  objective.weigh({SparsityRound::Weights::Even, 1, false}, x);
-  minimise<double>(objective, how, x, [](const MinimiseStep&) { return true; });
-  for (const auto& list : objective.working_set().active_elements()) EXPECT_TRUE(list.empty());
   objective.weigh({}, x);
-  objective.look_everywhere(true);
-  MinimiserState<double> state(x);
-  state.gradient.resize(x.size());
-  state.preconditioned.resize(x.size());
-  ASSERT_TRUE(objective.evaluate(x, state.gradient, state.preconditioned).is_valid);
-  objective.revise(state);
+  const MinimiserState<double> state = settled.look(objective, x);
   const auto joined = objective.working_set().active_elements();
 
-  auto all = make();
+  auto all = settled.make();
   std::vector<std::vector<std::uint32_t>> turned(scales.size());
   for (std::size_t s = 0; s < scales.size(); ++s)
     if (scales[s]->oriented()) turned[s] = scales[s]->oriented()->turned();
@@ -191,19 +229,13 @@ TEST(OrientedModel, LetsJoinWhatPullsHarderThanItsWeight) {
     if (!scales[s]->oriented()) continue;
     const GroupSparsity& wide = all.sparsity()[range_of];
     const GroupSparsity& own = objective.sparsity()[range_of++];
-    const Lattice<2>& sites = scales[s]->lattice();
     std::map<std::size_t, double> pull_at;
     for (std::size_t e = 0; e < turned[s].size(); ++e)
       pull_at[scales[s]->oriented()->site_of(turned[s][e])] = std::abs(gradient[wide.begin + e]);
     const auto is_most_across = [&](std::uint32_t element) {
-      const std::size_t site = scales[s]->oriented()->site_of(element);
-      const Eigen::Vector2d n = scales[s]->oriented()->options().normals[scales[s]->oriented()->normal_of(element)];
-      const long beside = std::abs(n[0]) > std::abs(n[1]) - 1e-6 ? 1 : sites.size[0], own = static_cast<long>(site);
-      for (long other : {own - beside, own + beside})
-        if (const auto at = pull_at.find(static_cast<std::size_t>(other));
-            at != pull_at.end() && std::abs(other % sites.size[0] - own % sites.size[0]) <= 1 &&
-            at->second > pull_at[site])
-          return false;
+      const double own_pull = pull_at[scales[s]->oriented()->site_of(element)];
+      for (std::size_t site : settled.beside(s, element))
+        if (const auto at = pull_at.find(site); at != pull_at.end() && at->second > own_pull) return false;
       return true;
     };
     std::size_t k = 0;
@@ -220,6 +252,63 @@ TEST(OrientedModel, LetsJoinWhatPullsHarderThanItsWeight) {
   }
   EXPECT_GT(pulling, 10u);
   EXPECT_GT(content, 10u);
+}
+
+// Where one is active, what lies beside it across the interface joins only if it pulls 2.5 times its weight.
+TEST(OrientedModel, LetsLittleJoinBesideWhatIsActive) {
+  omp_set_num_threads(1);
+  const SettledSlip settled;
+  auto first = settled.make();
+  first.working_set().set_active_blocks({});
+  first.weigh({}, settled.x);
+  const MinimiserState<double> state = settled.look(first, settled.x);
+  const auto joined = first.working_set().active_elements();
+
+  // The same from where the elements beside every second of those are active.
+  auto crowded = settled.make();
+  crowded.working_set().set_active_blocks({});
+  crowded.weigh({}, settled.x);
+  std::vector<std::vector<std::uint32_t>> active(settled.scales.size());
+  std::vector<std::set<std::size_t>> taken(settled.scales.size());
+  for (std::size_t s = 0; s < settled.scales.size(); ++s) {
+    if (!settled.scales[s]->oriented()) continue;
+    for (std::size_t e = 0; e < joined[s].size(); e += 2)
+      for (std::size_t site : settled.beside(s, joined[s][e])) taken[s].insert(site);
+    for (std::uint32_t element : settled.scales[s]->oriented()->turned())
+      if (taken[s].count(settled.scales[s]->oriented()->site_of(element)) &&
+          !std::binary_search(joined[s].begin(), joined[s].end(), element))
+        active[s].push_back(element);
+    taken[s].clear();
+    for (std::uint32_t element : active[s]) taken[s].insert(settled.scales[s]->oriented()->site_of(element));
+  }
+  crowded.working_set().set_active_elements(active);
+  std::vector<double> x;  // order 0 of each scale, and its elements, which are 0
+  for (std::size_t s = 0, from = 0; s < settled.scales.size(); ++s) {
+    if (has_zeroth(settled.scales[s]->options().orders)) {
+      x.insert(x.end(), settled.x.begin() + from, settled.x.begin() + from + settled.scales[s]->field_size());
+      from += settled.scales[s]->field_size();
+    }
+    x.resize(x.size() + active[s].size(), 0.0);
+  }
+  ASSERT_EQ(x.size(), crowded.size());
+  settled.look(crowded, x);
+  const auto now = crowded.working_set().active_elements();
+  std::size_t range_of = 0, kept_out = 0, let_in_beside = 0;
+  while (first.sparsity()[range_of].group != 1) ++range_of;
+  for (std::size_t s = 0; s < settled.scales.size(); ++s) {
+    if (!settled.scales[s]->oriented()) continue;
+    const GroupSparsity& range = first.sparsity()[range_of++];
+    for (std::size_t e = 0; e < joined[s].size(); ++e) {
+      bool is_beside = false;
+      for (std::size_t site : settled.beside(s, joined[s][e])) is_beside = is_beside || taken[s].count(site) > 0;
+      const bool pulls = std::abs(state.gradient[range.begin + e]) > 2.5 * range.weight;
+      EXPECT_EQ(std::binary_search(now[s].begin(), now[s].end(), joined[s][e]), pulls || !is_beside);
+      kept_out += is_beside && !pulls;
+      let_in_beside += is_beside && pulls;
+    }
+  }
+  EXPECT_GT(kept_out, 3u);
+  EXPECT_GT(let_in_beside, 3u);
 }
 
 // They lie in the image's plane along the interface, as the motion does, and are told with the others.

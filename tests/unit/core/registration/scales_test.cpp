@@ -2,6 +2,7 @@
 
 #include <gtest/gtest.h>
 
+#include "core/grid/noise.h"
 #include "core/registration/options.h"
 
 namespace saltus {
@@ -101,12 +102,47 @@ TEST(ResolvedOptions, RegulariseLessInSpaceWithSsd) {
   }
 }
 
+// Half the contrast: a quarter of the sparsity and half of order 0's weight beside first orders, as far as noise has no
+// part in them. The finest level of `block` has voxels twice as wide, over which an image changes twice as much.
+TEST(ResolvedOptions, FollowALowContrastWithSsd) {
+  const RegistrationOptions asked = automatic(SimilarityType::Ssd);
+  const double full = asked.momenta.full_contrast;
+  ASSERT_GT(full, 0);
+  const auto plain = resolved(asked, block(1)).momenta;
+  ASSERT_EQ(resolved(asked, block(1)).pyramid.finest_level, 1);
+  const auto at = [&](const ImageTraits& traits) { return resolved(asked, block(1), traits).momenta; };
+  EXPECT_EQ(at({0, full}).sparsity, plain.sparsity);
+  EXPECT_EQ(at({0, full / 2}).regularisation_beside_first, 0);
+  EXPECT_DOUBLE_EQ(at({0, full / 4}).sparsity, plain.sparsity / 4);
+  EXPECT_DOUBLE_EQ(at({0, full / 4}).regularisation_beside_first, plain.regularisation / 2);
+  EXPECT_EQ(at({0, full / 4}).regularisation, plain.regularisation);
+  EXPECT_DOUBLE_EQ(at({0, 0}).sparsity, plain.sparsity / 16) << "a quarter of the contrast is the least that counts";
+  // The level's noise is ssd_residual then: half of the weights is due to it.
+  const double noise =
+      asked.similarity_parameters.ssd_residual / noise_of_level(1.0, block(1), level_lattice(block(1), 1));
+  EXPECT_DOUBLE_EQ(at({noise, full / 4}).sparsity, plain.sparsity * (0.25 + 1) / 2);
+  EXPECT_DOUBLE_EQ(at({noise, full / 4}).regularisation_beside_first, plain.regularisation * (0.5 + 1) / 2);
+}
+
+TEST(ResolvedOptions, FollowNoContrastWhereItIsSaidOtherwise) {
+  RegistrationOptions asked = automatic(SimilarityType::Ssd);
+  asked.momenta.regularisation_beside_first = 0.25;
+  EXPECT_EQ(resolved(asked, block(1), {0, 0.01}).momenta.regularisation_beside_first, 0.25);
+  const double sparsity = asked.momenta.sparsity;
+  asked.momenta.full_contrast = 0;
+  EXPECT_EQ(resolved(asked, block(1), {0, 0.01}).momenta.sparsity, sparsity);
+  RegistrationOptions other = automatic(SimilarityType::Lncc);
+  other.momenta.full_contrast = 0.04;
+  other.momenta.sparsity_noise = 0;
+  EXPECT_EQ(resolved(other, block(1), {0, 0.01}).momenta.sparsity, other.momenta.sparsity);
+}
+
 // Header: what is resolved stays as it is when resolved again, whatever the noise is said to be then.
 TEST(ResolvedOptions, StayWhenResolvedAgain) {
   for (const Preset preset : {Preset::Fast, Preset::Balanced, Preset::Accurate})
     for (const double mm : {1.0, 3.0}) {
-      const RegistrationOptions once = resolved(automatic(SimilarityType::Lncc, preset), block(mm), 0.02);
-      const auto first = list_parameters(once), second = list_parameters(resolved(once, block(mm), 0.05));
+      const RegistrationOptions once = resolved(automatic(SimilarityType::Lncc, preset), block(mm), {0.02});
+      const auto first = list_parameters(once), second = list_parameters(resolved(once, block(mm), {0.05}));
       ASSERT_EQ(first.size(), second.size());
       for (std::size_t i = 0; i < first.size(); ++i) EXPECT_EQ(first[i].value, second[i].value) << first[i].name;
     }

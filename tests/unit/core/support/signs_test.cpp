@@ -23,12 +23,22 @@ void expect_lanes_to_be_numbers() {
       EXPECT_EQ(signed_ones[lanes - 1], std::copysign(size, sign));
       EXPECT_EQ(std::signbit(signed_ones[lanes - 1]), std::signbit(sign));
       EXPECT_EQ(signed_ones[0], 0);
+      const Register flipped = with_sign_flipped(sizes, signs), positive = positive_part(sizes);
+      EXPECT_EQ(flipped[lanes - 1], std::signbit(sign) ? -size : size);
+      EXPECT_EQ(flipped[lanes - 1], with_sign_flipped(size, sign));
+      EXPECT_EQ(positive[lanes - 1], size > 0 ? size : 0);
+      EXPECT_EQ(positive[lanes - 1], positive_part(size));
+      EXPECT_EQ(positive[0], 0);
     }
 }
 
 TEST(Signs, AreTheSameInRegisters) {
   expect_lanes_to_be_numbers<float, 4>();
   expect_lanes_to_be_numbers<double, 2>();
+  expect_lanes_to_be_numbers<float, 8>();
+  expect_lanes_to_be_numbers<double, 4>();
+  expect_lanes_to_be_numbers<float, 16>();
+  expect_lanes_to_be_numbers<double, 8>();
 }
 
 }  // namespace

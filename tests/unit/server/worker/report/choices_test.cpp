@@ -24,7 +24,7 @@ std::vector<std::string> said_of(const std::string& name, Model model, Similarit
   ReportScene<3> scene(3);
   scene.options = default_options(model, similarity, Preset::Accurate);  // to full resolution, where the noise is whole
   for (const auto& [setting, value] : settings) set_parameter(scene.options, setting, value);
-  scene.result.options = resolved(scene.options, lattice_of(scene.images.fixed.grid), noise);
+  scene.result.options = resolved(scene.options, lattice_of(scene.images.fixed.grid), {noise});
   scene.result.summary.noise = noise;
   std::vector<std::string> lines;
   for (const Choice& choice : choices(scene.report))
@@ -86,6 +86,21 @@ TEST(Choices, TellTheSparsityThatNoiseMakes) {
   for (const char* name : {"sparsity", "sparsity in use", "sparsity_noise"})
     EXPECT_THAT(said_of(name, Model::Auto, SimilarityType::Ssd), IsEmpty()) << name;
   EXPECT_THAT(said_of("sparsity_noise", Model::Auto, SimilarityType::Lncc), IsEmpty());
+}
+
+TEST(Choices, TellWhatALowContrastMakes) {
+  ReportScene<3> scene(3);
+  scene.options = default_options(Model::Auto, SimilarityType::Ssd, Preset::Fast);
+  set_parameter(scene.options, "finest_level", "0");
+  set_parameter(scene.options, "full_contrast", "0.08");
+  scene.result.options = resolved(scene.options, lattice_of(scene.images.fixed.grid), {0, 0.04});
+  const auto all = choices(scene.report);
+  for (const char* name : {"sparsity", "regularisation_beside_first"})
+    EXPECT_THAT(all, Contains(AllOf(Field(&Choice::name, name), Field(&Choice::is_set, false),
+                                    Field(&Choice::why, HasSubstr("contrast")))))
+        << name;
+  EXPECT_THAT(all, Contains(AllOf(Field(&Choice::name, "full_contrast"), Field(&Choice::value, "0.08"))));
+  EXPECT_THAT(all, Not(Contains(Field(&Choice::name, "full_contrast in use"))));
 }
 
 // 0 is not what is used, and a report must not read as if it were.
