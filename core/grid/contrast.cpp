@@ -20,10 +20,10 @@ double rms_gradient(const Lattice<Dim>& lattice, const T* samples, const T* weig
     std::vector<double> sums(rows);
     std::vector<std::size_t> counts(rows);
 #pragma omp parallel for schedule(static)
-    for (std::size_t row = 0; row < rows; ++row)
-      for (std::size_t x = 0; x < nx; ++x) {
-        const std::size_t i = nx * row + x;  // the first of four along the axis
-        if (i / stride % length + 3 >= length) continue;
+    for (std::size_t row = 0; row < rows; ++row) {
+      // Each sample that is the first of four along the axis; along a row either all are or, beside its end, none.
+      if (axis > 0 && nx * row / stride % length + 3 >= length) continue;
+      for (std::size_t i = nx * row, end = i + (axis > 0 ? nx : nx - std::min<std::size_t>(nx, 3)); i < end; ++i) {
         if (weights &&
             !(weights[i] > 0 && weights[i + stride] > 0 && weights[i + 2 * stride] > 0 && weights[i + 3 * stride] > 0))
           continue;
@@ -31,6 +31,7 @@ double rms_gradient(const Lattice<Dim>& lattice, const T* samples, const T* weig
                      static_cast<double>(samples[i + 3 * stride] - samples[i + stride]) / 4;
         ++counts[row];
       }
+    }
     std::size_t count = 0;
     for (std::size_t of_row : counts) count += of_row;
     const double sum = ordered_sum(rows, [&](std::size_t row) { return sums[row]; });

@@ -85,6 +85,10 @@ void BlockSet<Dim>::scatter_within(int channels, const T* compact, T* dense) con
 template <int Dim>
 template <class T>
 void BlockSet<Dim>::gather_from(const BlockSet& from, int channels, const T* theirs, T* compact) const {
+  if (active_ == from.active_) {
+    std::copy_n(theirs, static_cast<std::size_t>(channels) * sites_, compact);
+    return;
+  }
 #pragma omp parallel for schedule(static)
   for (const Run& run : runs_) {
     T* to = compact + channels * run.at;

@@ -22,6 +22,13 @@ constexpr FineWidth kFineWidth = Dim == 3 ? FineWidth{2, 0.008} : FineWidth{0.7,
 /// Of full_contrast: an image may be all but blank, and something has to hold momenta back.
 constexpr double kLeastContrast = 0.25;
 
+/// As a report may show it.
+double in_few_digits(double value) {
+  if (!(value > 0)) return value;
+  const double unit = std::pow(10.0, std::floor(std::log10(value)) - 3);
+  return std::round(value / unit) * unit;
+}
+
 /// Voxels that 3-D images are taken at every second of.
 bool is_fine(double reference_mm) { return 2 * reference_mm <= 3; }
 
@@ -128,9 +135,9 @@ RegistrationOptions resolved(const RegistrationOptions& options, const Lattice<D
     const double contrast = std::ldexp(traits.contrast, finest) / o.momenta.full_contrast;
     if (contrast < 1) {
       const double counted = std::max(contrast, kLeastContrast);
-      o.momenta.sparsity *= share(counted * counted);
+      o.momenta.sparsity = in_few_digits(o.momenta.sparsity * share(counted * counted));
       if (o.momenta.regularisation_beside_first == 0)
-        o.momenta.regularisation_beside_first = o.momenta.regularisation * share(counted);
+        o.momenta.regularisation_beside_first = in_few_digits(o.momenta.regularisation * share(counted));
     }
     o.momenta.full_contrast = 0;  // it has been followed
   }

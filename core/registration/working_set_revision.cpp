@@ -204,7 +204,7 @@ Revision WorkingSet<Dim, T>::revise(MinimiserState<T>& state) {
       for (std::size_t block = 0; block < wanted[r].size(); ++block)
         if (wanted[r][block]) numbers.push_back(static_cast<std::uint32_t>(block));
       revision.joined = std::max(revision.joined, joined_share(blocks_[r].active(), numbers));
-      blocks_[r] = BlockSet<Dim>(scales_[s]->lattice(), std::move(numbers));
+      if (numbers != blocks_[r].active()) blocks_[r] = BlockSet<Dim>(scales_[s]->lattice(), std::move(numbers));
     }
   std::vector<std::vector<std::uint32_t>> looked(scales_.size());  // lay_out forgets them
   for (std::size_t s = 0; s < scales_.size(); ++s) {
