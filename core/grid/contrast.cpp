@@ -4,26 +4,35 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <vector>
 
 namespace saltus {
 
 template <int Dim, class T>
-double rms_gradient(const Lattice<Dim>& lattice, const T* samples, const T* weights) {
+double rms_gradient(const Lattice<Dim>& lattice, const T* samples, const T* weights, const IndexBox<Dim>& box) {
   const double finest = *std::min_element(lattice.spacing.begin(), lattice.spacing.end());
   const auto nx = static_cast<std::size_t>(lattice.size[0]);
   const std::size_t rows = lattice.sites() / nx;
   double square = 0;
+  bool is_told = false;
   std::size_t stride = 1;
   for (int axis = 0; axis < Dim; ++axis) {
-    const auto length = static_cast<std::size_t>(lattice.size[axis]);
+    IndexBox<Dim> firsts = box;  // of four samples along the axis
+    firsts.end[axis] -= 3;
     std::vector<double> sums(rows);
     std::vector<std::size_t> counts(rows);
 #pragma omp parallel for schedule(static)
     for (std::size_t row = 0; row < rows; ++row) {
-      // Each sample that is the first of four along the axis; along a row either all are or, beside its end, none.
-      if (axis > 0 && nx * row / stride % length + 3 >= length) continue;
-      for (std::size_t i = nx * row, end = i + (axis > 0 ? nx : nx - std::min<std::size_t>(nx, 3)); i < end; ++i) {
+      bool is_inside = true;
+      for (std::size_t a = 1, rest = row; a < Dim; ++a) {
+        const int at = static_cast<int>(rest % static_cast<std::size_t>(lattice.size[a]));
+        is_inside = is_inside && at >= firsts.begin[a] && at < firsts.end[a];
+        rest /= static_cast<std::size_t>(lattice.size[a]);
+      }
+      if (!is_inside) continue;
+      for (int x = firsts.begin[0]; x < firsts.end[0]; ++x) {
+        const std::size_t i = nx * row + static_cast<std::size_t>(x);
         if (weights &&
             !(weights[i] > 0 && weights[i + stride] > 0 && weights[i + 2 * stride] > 0 && weights[i + 3 * stride] > 0))
           continue;
@@ -37,14 +46,15 @@ double rms_gradient(const Lattice<Dim>& lattice, const T* samples, const T* weig
     const double sum = ordered_sum(rows, [&](std::size_t row) { return sums[row]; });
     const double per_finest = finest / lattice.spacing[axis];
     if (count > 0) square += per_finest * per_finest * sum / static_cast<double>(count);
-    stride *= length;
+    is_told = is_told || count > 0;
+    stride *= static_cast<std::size_t>(lattice.size[axis]);
   }
-  return std::sqrt(std::max(0.0, square));
+  return is_told ? std::sqrt(std::max(0.0, square)) : std::numeric_limits<double>::infinity();
 }
 
-template double rms_gradient(const Lattice<2>&, const float*, const float*);
-template double rms_gradient(const Lattice<3>&, const float*, const float*);
-template double rms_gradient(const Lattice<2>&, const double*, const double*);
-template double rms_gradient(const Lattice<3>&, const double*, const double*);
+template double rms_gradient(const Lattice<2>&, const float*, const float*, const IndexBox<2>&);
+template double rms_gradient(const Lattice<3>&, const float*, const float*, const IndexBox<3>&);
+template double rms_gradient(const Lattice<2>&, const double*, const double*, const IndexBox<2>&);
+template double rms_gradient(const Lattice<3>&, const double*, const double*, const IndexBox<3>&);
 
 }  // namespace saltus

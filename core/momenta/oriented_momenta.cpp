@@ -2,7 +2,6 @@
 
 #include "core/support/errors.h"
 #include "core/support/reduction.h"
-#include "core/support/registers.h"
 
 #include <Eigen/Geometry>
 
@@ -13,10 +12,6 @@
 #include <numbers>
 #include <numeric>
 #include <string>
-
-#ifdef _OPENMP
-#include <omp.h>
-#endif
 
 namespace saltus {
 namespace {

@@ -204,7 +204,7 @@ void add(Fingerprint& fingerprint, const Volume<Dim>& volume) {
 }  // namespace
 
 template <int Dim>
-std::uint64_t job_fingerprint(const RegistrationInput<Dim>& input, const RegistrationOptions& resolved) {
+std::uint64_t job_fingerprint(const RegistrationInput<Dim>& input, const RegistrationOptions& asked) {
   Fingerprint fingerprint;
   fingerprint.add(Dim);
   add(fingerprint, input.fixed);
@@ -222,9 +222,10 @@ std::uint64_t job_fingerprint(const RegistrationInput<Dim>& input, const Registr
     fingerprint.add(input.start.offset[row]);
     for (int column = 0; column < Dim; ++column) fingerprint.add(input.start.linear(row, column));
   }
-  fingerprint.add(to_string(resolved.model));
-  fingerprint.add(to_string(resolved.similarity));
-  for (const ParameterInfo& parameter : list_parameters(resolved)) {
+  fingerprint.add(to_string(asked.model));
+  fingerprint.add(to_string(asked.similarity));
+  fingerprint.add(to_string(asked.preset));
+  for (const ParameterInfo& parameter : list_parameters(asked)) {
     fingerprint.add(parameter.name);
     fingerprint.add(parameter.value);
   }

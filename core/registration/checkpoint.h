@@ -48,9 +48,10 @@ struct Checkpoint {
   double seconds = 0, cpu_seconds = 0;   ///< spent in all
 };
 
-/// Tells jobs apart: images, masks, direction field, start and all resolved options but the number of threads.
+/// Tells jobs apart: images, masks, direction field, start and all options as they are asked for but the number of
+/// threads.
 template <int Dim>
-std::uint64_t job_fingerprint(const RegistrationInput<Dim>& input, const RegistrationOptions& resolved);
+std::uint64_t job_fingerprint(const RegistrationInput<Dim>& input, const RegistrationOptions& asked);
 
 /// With a version, a checksum and the job's fingerprint, for machines of the same byte order.
 void encode(const Checkpoint& checkpoint, std::uint64_t job, std::ostream& out);

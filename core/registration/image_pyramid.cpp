@@ -83,9 +83,7 @@ ImagePyramid<Dim>::ImagePyramid(const RegistrationInput<Dim>& input, const Regis
   const std::vector<float> moving_weights = binary(input.moving_mask);
   noise_ = options.similarity_parameters.noise;
   if (noise_ < 0) measure_noise(fixed_weights, moving_weights);
-  if (options.similarity == SimilarityType::Ssd)
-    contrast_ = rms_gradient<Dim>(fixed_lattice_, scaled(input.fixed, fixed_weights).data(),
-                                  fixed_weights.empty() ? nullptr : fixed_weights.data());
+  if (options.similarity == SimilarityType::Ssd) measure_contrast(fixed_weights);
   if (options.pyramid.region_margin >= 0) find_region(fixed_weights, moving_weights);
 }
 
@@ -103,6 +101,16 @@ void ImagePyramid<Dim>::measure_noise(const std::vector<float>& fixed_weights,
   const double moving_variance =
       noise_variance(moving_lattice_, moving, moving_weights) / (moving_range * moving_range);
   noise_ = std::sqrt((fixed_variance + moving_variance) / 2);
+}
+
+template <int Dim>
+void ImagePyramid<Dim>::measure_contrast(const std::vector<float>& fixed_weights) {
+  const float* const seen = fixed_weights.empty() ? nullptr : fixed_weights.data();
+  const std::vector<float> samples = scaled(input_.fixed, fixed_weights);
+  IndexBox<Dim> content{{}, fixed_lattice_.size};  // around it nothing pulls, however much of the image that is
+  if (kNoise * noise_ <= kMostNoise)
+    content = content_box(fixed_lattice_, samples.data(), seen, std::max(kNoise * noise_, kLeastContrast));
+  contrast_ = rms_gradient<Dim>(fixed_lattice_, samples.data(), seen, content);
 }
 
 template <int Dim>

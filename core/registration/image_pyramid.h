@@ -25,8 +25,8 @@ class ImagePyramid {
   /// Standard deviation of the noise, the root mean square of both images': with ssd in units of the scaled
   /// intensities, else each in units of its own range.
   double noise() const { return noise_; }
-  /// rms_gradient of the fixed image, in units of the scaled intensities; infinite with other similarities than ssd,
-  /// which make intensities alike by themselves.
+  /// rms_gradient of what the fixed image shows beside background, in units of the scaled intensities; infinite with
+  /// other similarities than ssd, which make intensities alike by themselves.
   double contrast() const { return contrast_; }
   /// Where the images of a level are compared: with region_margin, around what either of them (the moving one after the
   /// affine start) shows beside background within its noise, or where a mask lets it be seen; else the whole fixed
@@ -50,6 +50,7 @@ class ImagePyramid {
 
  private:
   void measure_noise(const std::vector<float>& fixed_weights, const std::vector<float>& moving_weights);
+  void measure_contrast(const std::vector<float>& fixed_weights);
   void find_region(const std::vector<float>& fixed_weights, const std::vector<float>& moving_weights);
   double level_noise(int level) const;
   double share_beside_noise(int level) const;

@@ -64,8 +64,7 @@ PyramidRun<Dim>::PyramidRun(const RegistrationInput<Dim>& input, const Registrat
   // Where first orders have to be worth it, most levels end after the round without them.
   for (int level : levels_) meter_.plan_step(planned_work(level, options_.momenta.first_order_gain <= 0));
 
-  if (checkpointing.offer || checkpointing.resume)
-    job_ = job_fingerprint(input, resolved(asked, pyramid_.fixed_lattice()));
+  if (checkpointing.offer || checkpointing.resume) job_ = job_fingerprint(input, asked);
   if (!checkpointing.resume) return;
   reached_ = decode(*checkpointing.resume(), job_);
   if (reached_.step < 0 || reached_.step >= static_cast<int>(levels_.size()) || !reached_.minimiser.has_begun() ||
@@ -261,8 +260,11 @@ void PyramidRun<Dim>::minimise_round(std::size_t round) {
   round_work_ = 0;
   how_.decrease_before = 0;
   if (round > 0 && options_.momenta.first_order_waits) {
-    // A round in which first orders waited minimised the same energy; others one with other weights.
-    const double share = rounds_[round - 1].lets_blocks_join ? kShareOfRoundsBefore : 1;
+    // A round in which first orders waited minimised the same energy, unless order 0 got another weight after it;
+    // others one with other weights.
+    const bool is_same =
+        !rounds_[round - 1].lets_blocks_join && !(is_beside_first_ && level_.decision == FirstOrderDecision::LetIn);
+    const double share = is_same ? 1 : kShareOfRoundsBefore;
     how_.decrease_before = std::max(0.0, share * (level_.energy_before - level_.energy_after));
   }
   const MinimiseSummary found = minimise<Scalar>(*objective_, how_, reached_.minimiser,

@@ -37,9 +37,9 @@ struct FirstOrderPromise {
 /// Without sparsity all blocks are active.
 ///
 /// After a scale's order-1 fields lie its oriented momenta (oriented_momenta.h), those of the active elements only.
-/// Elements join and leave like blocks, one by one, and leave as well whenever anything else changes. Those that may
-/// join are candidates of `turn`: which of them, and beside what is there only with a multiple of the weight, so that a
-/// minimum leaves out elements that would add little.
+/// Elements join and leave like blocks, one by one, and leave as well when blocks or others of them change. Those that
+/// may join are candidates of `turn`: which of them, and beside what is there only with a multiple of the weight, so
+/// that a minimum leaves out elements that would add little.
 template <int Dim, class T>
 class WorkingSet {
  public:

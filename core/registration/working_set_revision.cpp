@@ -74,7 +74,7 @@ std::vector<std::uint32_t> WorkingSet<Dim, T>::wanted_elements(const Oriented& o
   }
   std::vector<char> is_taken(sites);
   if (sites > 0)
-    for (std::uint32_t element : oriented.active) is_taken[oriented.momenta->site_of(element)] = 1;
+    for (std::uint32_t element : staying) is_taken[oriented.momenta->site_of(element)] = 1;
   for (std::size_t e = 0; e < oriented.listed.size(); ++e) {
     const std::uint32_t element = oriented.listed[e];
     const double pulled = excess(element, oriented.gradient.data() + (Dim - 1) * e);

@@ -58,9 +58,9 @@ std::string measured_from(const std::string& name, const ReportInput<Dim>& input
   if (name == "regularisation_beside_first")
     return "from the fixed image's contrast, which is low (full_contrast), and the noise";
   if (name == "sparsity")
-    return input.options->similarity == SimilarityType::Ssd
-               ? "from the fixed image's contrast, which is low (full_contrast), and the noise"
-               : "from the noise on the finest level (sparsity_noise)";
+    return input.options->momenta.sparsity_noise > 0
+               ? "from the noise on the finest level (sparsity_noise)"
+               : "from the fixed image's contrast, which is low (full_contrast), and the noise";
   return "from the levels";
 }
 

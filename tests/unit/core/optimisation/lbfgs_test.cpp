@@ -394,6 +394,7 @@ TEST(Minimise, SettlesOnlyWhereItHasLookedOutsideTheWorkingSet) {
 /// next to nothing: one joins at every look.
 class Trickle final : public Objective<double> {
  public:
+  explicit Trickle(double share = 0.5) : share_(share) {}  ///< of a range, that joins each time
   static constexpr double kWorth = 1e-6;
   std::size_t size() const override { return size_; }
   bool has_more() const override { return true; }
@@ -418,10 +419,11 @@ class Trickle final : public Objective<double> {
     for (std::vector<double>* values : {&state.gradient, &state.preconditioned}) values->push_back(-kWorth);
     for (CurvaturePair<double>& pair : state.pairs)
       for (std::vector<double>* values : {&pair.s, &pair.y, &pair.y_preconditioned}) values->push_back(0);
-    return {true, 0.5};
+    return {true, share_};
   }
 
  private:
+  double share_;
   std::size_t size_ = 1;
   bool looks_ = true;
 };
@@ -435,6 +437,21 @@ TEST(Minimise, SettlesThoughMoreThatIsWorthNextToNothingWantsToJoin) {
   const MinimiseSummary summary = minimise<double>(trickle, how, x, go_on);
   EXPECT_EQ(summary.termination, MinimiseTermination::Settled);
   EXPECT_LT(summary.iterations, 60);
+}
+
+TEST(Minimise, SettlesAtOnceWhereHardlyAnythingWantsToJoin) {
+  const auto iterations = [](double share) {
+    Trickle trickle(share);
+    std::vector<double> x = {0};
+    MinimiseOptions how;
+    how.tolerance = 1e-2;
+    how.max_iterations = 500;
+    const MinimiseSummary summary = minimise<double>(trickle, how, x, go_on);
+    EXPECT_EQ(summary.termination, MinimiseTermination::Settled);
+    return summary.iterations;
+  };
+  EXPECT_EQ(iterations(0.06), iterations(0.5));
+  EXPECT_LE(iterations(0.04), iterations(0.06) - 5);
 }
 
 // Oracle: the decrease that a level had before makes the same run end earlier, and where the share says.

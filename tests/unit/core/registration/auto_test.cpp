@@ -247,5 +247,25 @@ TEST(LowContrast, GivesOrder0ItsWeightBesideFirstOrdersFromWhereTheyAreThere) {
             register_images<2>(input, alone).displacement.samples);
 }
 
+// Where first orders begin on the second level, the motion found on the first goes on: of the energy that it begins
+// with only order 0's part follows the weight, and in proportion.
+TEST(LowContrast, KeepsTheMotionFoundBeforeOrder0GetsAnotherWeight) {
+  const RegistrationInput<2> input = pair_of(make_phantom<2>(default_phantom_options(PhantomKind::Slip)));
+  const auto energy_at_the_start = [&](double beside) {
+    RegistrationOptions options = default_options(Model::Sliding, SimilarityType::Ssd, Preset::Balanced);
+    options.pyramid.levels = 2;
+    options.momenta.first_order_scales = 1;
+    options.momenta.regularisation = 1e-3;
+    options.momenta.regularisation_beside_first = beside;
+    options.optimisation.max_iterations = 8;
+    options.threads = 1;
+    return register_images<2>(input, options).summary.levels.at(1).energy_before;
+  };
+  const double whole = energy_at_the_start(1e-3), half = energy_at_the_start(5e-4),
+               quarter = energy_at_the_start(2.5e-4);
+  ASSERT_GT(whole - half, 1e-3 * whole);
+  EXPECT_NEAR((whole - half) / (half - quarter), 2, 0.01);
+}
+
 }  // namespace
 }  // namespace saltus

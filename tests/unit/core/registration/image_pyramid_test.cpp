@@ -131,5 +131,28 @@ TEST(ImagePyramid, ComparesWhereTheStartBringsTheMovingImage) {
   EXPECT_EQ(*region, (IndexBox<2>{{39, 19}, {67, 62}}));
 }
 
+// What lies around what an image shows pulls at nothing, however much of the image it is.
+TEST(ImagePyramid, HasTheContrastOfWhatTheImageShows) {
+  const auto contrast = [](int margin, SimilarityType similarity) {
+    const int side = 64 + 2 * margin;
+    RegistrationInput<2> input;
+    ImageGrid<2> grid;
+    grid.size = {side, side};
+    input.fixed = Volume<2>(grid);
+    for (int y = 0; y < 64; ++y)
+      for (int x = 0; x < 64; ++x)
+        input.fixed.samples[static_cast<std::size_t>((y + margin) * side + x + margin)] =
+            static_cast<float>(100 + 40 * std::sin(0.4 * x) * std::cos(0.3 * y));
+    input.moving = input.fixed;
+    const RegistrationOptions options =
+        resolved(default_options(Model::Sliding, similarity, Preset::Balanced), lattice_of(input.fixed.grid));
+    return ImagePyramid<2>(input, options).contrast();
+  };
+  // The range of intensities, between percentiles, depends a little on how much there is of each.
+  const double tight = contrast(6, SimilarityType::Ssd), wide = contrast(40, SimilarityType::Ssd);
+  EXPECT_NEAR(wide, tight, 0.1 * tight);
+  EXPECT_TRUE(std::isinf(contrast(6, SimilarityType::Lncc)));
+}
+
 }  // namespace
 }  // namespace saltus

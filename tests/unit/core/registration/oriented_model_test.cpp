@@ -164,13 +164,15 @@ struct SettledSlip {
   }
 
   /// Looks at `at` and lets in what wants to take part.
-  MinimiserState<double> look(MatchingObjective<2, double>& objective, const std::vector<double>& at) const {
+  MinimiserState<double> look(MatchingObjective<2, double>& objective, const std::vector<double>& at,
+                              Revision* revision = nullptr) const {
     objective.look_everywhere(true);
     MinimiserState<double> state(at);
     state.gradient.resize(at.size());
     state.preconditioned.resize(at.size());
     EXPECT_TRUE(objective.evaluate(at, state.gradient, state.preconditioned).is_valid);
-    objective.revise(state);
+    const Revision found = objective.revise(state);
+    if (revision) *revision = found;
     return state;
   }
 
@@ -291,10 +293,23 @@ TEST(OrientedModel, LetsLittleJoinBesideWhatIsActive) {
     x.resize(x.size() + active[s].size(), 0.0);
   }
   ASSERT_EQ(x.size(), crowded.size());
-  settled.look(crowded, x);
+  Revision revision;
+  const MinimiserState<double> after = settled.look(crowded, x, &revision);
   const auto now = crowded.working_set().active_elements();
+  EXPECT_TRUE(revision.has_changed);
+  EXPECT_EQ(revision.joined, 1) << "all blocks are new";
   std::size_t range_of = 0, kept_out = 0, let_in_beside = 0;
   while (first.sparsity()[range_of].group != 1) ++range_of;
+  // Active elements that pull less than their weight are about to leave, and count for nothing.
+  for (std::size_t s = 0, r = range_of; s < settled.scales.size(); ++s) {
+    if (!settled.scales[s]->oriented()) continue;
+    const GroupSparsity& range = crowded.sparsity()[r++];
+    taken[s].clear();
+    for (std::size_t e = 0; e < now[s].size(); ++e)
+      if (std::binary_search(active[s].begin(), active[s].end(), now[s][e]) &&
+          std::abs(after.gradient[range.begin + e]) > range.weight)
+        taken[s].insert(settled.scales[s]->oriented()->site_of(now[s][e]));
+  }
   for (std::size_t s = 0; s < settled.scales.size(); ++s) {
     if (!settled.scales[s]->oriented()) continue;
     const GroupSparsity& range = first.sparsity()[range_of++];
@@ -309,6 +324,56 @@ TEST(OrientedModel, LetsLittleJoinBesideWhatIsActive) {
   }
   EXPECT_GT(kept_out, 3u);
   EXPECT_GT(let_in_beside, 3u);
+}
+
+// Of the range with the largest share, be it of elements or of blocks.
+TEST(OrientedModel, TellsWhatShareHasJoined) {
+  omp_set_num_threads(1);
+  const SettledSlip settled;
+  auto first = settled.make();
+  first.working_set().set_active_blocks({});
+  first.weigh({}, settled.x);
+  settled.look(first, settled.x);
+  const auto thinned = [](std::vector<std::vector<std::uint32_t>> lists, std::size_t step) {
+    for (std::vector<std::uint32_t>& list : lists) {
+      std::size_t i = 0;
+      std::erase_if(list, [&](std::uint32_t) { return i++ % step == step - 1; });
+    }
+    return lists;
+  };
+  const auto share_of = [](const auto& before, const auto& now) {
+    double most = 0;
+    for (std::size_t k = 0; k < now.size(); ++k) {
+      std::size_t joined = 0;
+      for (std::uint32_t number : now[k]) joined += !std::binary_search(before[k].begin(), before[k].end(), number);
+      if (!now[k].empty()) most = std::max(most, static_cast<double>(joined) / static_cast<double>(now[k].size()));
+    }
+    return most;
+  };
+  for (const auto [of_elements, of_blocks] : {std::pair{5, 1000}, std::pair{1000, 4}}) {
+    auto objective = settled.make();
+    const auto elements = thinned(first.working_set().active_elements(), of_elements),
+               blocks = thinned(first.working_set().active_blocks(), of_blocks);
+    objective.working_set().set_active_blocks({});
+    objective.weigh({}, settled.x);
+    objective.working_set().set_active_blocks(blocks);
+    objective.working_set().set_active_elements(elements);
+    std::vector<double> x(objective.size(), 0.0);  // order 0, and all else 0
+    auto value = settled.x.begin();
+    for (std::size_t i = 0; i < x.size(); ++i)
+      if (std::none_of(objective.sparsity().begin(), objective.sparsity().end(),
+                       [&](const GroupSparsity& range) { return i >= range.begin && i < range.end; }))
+        x[i] = *value++;
+    ASSERT_EQ(value, settled.x.end());
+    Revision revision;
+    settled.look(objective, x, &revision);
+    const double joined_elements = share_of(elements, objective.working_set().active_elements()),
+                 joined_blocks = share_of(blocks, objective.working_set().active_blocks());
+    SCOPED_TRACE(of_elements);
+    EXPECT_EQ(revision.joined, std::max(joined_elements, joined_blocks));
+    EXPECT_GT(revision.joined, 0.1);
+    EXPECT_LT(std::min(joined_elements, joined_blocks), 0.1);
+  }
 }
 
 // They lie in the image's plane along the interface, as the motion does, and are told with the others.

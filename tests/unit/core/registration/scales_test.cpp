@@ -140,12 +140,13 @@ TEST(ResolvedOptions, FollowNoContrastWhereItIsSaidOtherwise) {
 // Header: what is resolved stays as it is when resolved again, whatever the noise is said to be then.
 TEST(ResolvedOptions, StayWhenResolvedAgain) {
   for (const Preset preset : {Preset::Fast, Preset::Balanced, Preset::Accurate})
-    for (const double mm : {1.0, 3.0}) {
-      const RegistrationOptions once = resolved(automatic(SimilarityType::Lncc, preset), block(mm), {0.02});
-      const auto first = list_parameters(once), second = list_parameters(resolved(once, block(mm), {0.05}));
-      ASSERT_EQ(first.size(), second.size());
-      for (std::size_t i = 0; i < first.size(); ++i) EXPECT_EQ(first[i].value, second[i].value) << first[i].name;
-    }
+    for (const double mm : {1.0, 3.0})
+      for (const SimilarityType similarity : {SimilarityType::Lncc, SimilarityType::Ssd}) {
+        const RegistrationOptions once = resolved(automatic(similarity, preset), block(mm), {0.02, 0.005});
+        const auto first = list_parameters(once), second = list_parameters(resolved(once, block(mm), {0.05, 0.003}));
+        ASSERT_EQ(first.size(), second.size());
+        for (std::size_t i = 0; i < first.size(); ++i) EXPECT_EQ(first[i].value, second[i].value) << first[i].name;
+      }
 }
 
 }  // namespace

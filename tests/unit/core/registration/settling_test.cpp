@@ -24,7 +24,7 @@ struct Round {
 
 /// The last level's rounds.
 std::vector<Round> rounds_of(const RegistrationInput<2>& input, const RegistrationOptions& options) {
-  const std::uint64_t job = job_fingerprint(input, resolved(options, lattice_of(input.fixed.grid)));
+  const std::uint64_t job = job_fingerprint(input, options);
   std::vector<Round> rounds;
   std::vector<double> energies;  // of the round at hand, from its start to its last step
   const auto bound = [&] {       // what would have to count for the last five iterations to be just too little
