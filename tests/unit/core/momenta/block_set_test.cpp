@@ -49,6 +49,10 @@ void expect_round_trips(const Index<Dim>& size) {
   ASSERT_EQ(blocks, *std::max_element(block_of.begin(), block_of.end()) + 1u);
   std::vector<std::vector<std::uint32_t>> sets = {{}, BlockSet<Dim>::all(lattice).active()};
   for (std::size_t step : {2, 3, 5}) sets.push_back(some_of(blocks, step));
+  // As many as in another set, but not the same: each block's mirror image.
+  sets.push_back(some_of(blocks, 3));
+  for (std::uint32_t& block : sets.back()) block = static_cast<std::uint32_t>(blocks) - 1 - block;
+  std::reverse(sets.back().begin(), sets.back().end());
   for (int channels : {1, 3}) {
     const std::vector<float> dense = numbers(channels * lattice.sites());
     for (const auto& active : sets) {

@@ -326,6 +326,27 @@ TEST(OrientedModel, LetsLittleJoinBesideWhatIsActive) {
   EXPECT_GT(let_in_beside, 3u);
 }
 
+// In 3-D an element stands for nine sites of its plane, and has to go as far in a step as all of them would.
+TEST(OrientedModel, HasOneElementForNineSitesIn3d) {
+  Lattice<3> lattice;
+  lattice.size = {24, 24, 24};
+  lattice.spacing = {1, 1, 1};
+  RegistrationOptions asked = oriented_options(9);
+  asked.pyramid.levels = 1;
+  const RegistrationOptions options = resolved(asked, lattice);
+  const auto placed = make_scales<3, double>(lattice, options);
+  std::vector<MomentumScale<3, double>*> scales;
+  for (const auto& one : placed) scales.push_back(one.scale.get());
+  const auto with = std::find_if(scales.begin(), scales.end(), [](const auto* scale) { return scale->oriented(); });
+  ASSERT_NE(with, scales.end());
+  const OrientedMomenta<3, double>& oriented = *(*with)->oriented();
+  EXPECT_EQ(oriented.sites_of_each(0), 9);
+  const WorkingSet<3, double> set(scales, 1e-3, 0.5);
+  double stiffness = 0;  // of one at every site
+  for (std::size_t normal = 0; normal < 9; ++normal) stiffness += oriented.stiffness(normal) / 9;
+  EXPECT_NEAR(set.sparsity().back().inverse_stiffness * stiffness, 9, 1e-9);
+}
+
 // Of the range with the largest share, be it of elements or of blocks.
 TEST(OrientedModel, TellsWhatShareHasJoined) {
   omp_set_num_threads(1);
