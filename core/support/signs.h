@@ -5,10 +5,6 @@
 #include <limits>
 #include <type_traits>
 
-#ifdef __AVX__
-#include <immintrin.h>
-#endif
-
 namespace saltus {
 
 // Of numbers, and of registers of them (GNU vector types), where they are one instruction.
@@ -51,25 +47,11 @@ template <class V>
 [[gnu::always_inline]] inline V with_sign_flipped(V size, V sign) {
   return reinterpret_cast<V>(reinterpret_cast<SignBits<V>>(size) ^ (reinterpret_cast<SignBits<V>>(sign) & kSignBit<V>));
 }
-/// Left to itself the compiler compares and selects.
+/// As whole numbers, of which the larger one is one instruction: those of negative values are negative.
 template <class V>
 [[gnu::always_inline]] inline V positive_part(V value) {
-  using T = std::remove_cvref_t<decltype(value[0])>;
-#ifdef __AVX512F__
-  if constexpr (sizeof(V) == 64 && std::is_same_v<T, float>)
-    return reinterpret_cast<V>(
-        _mm512_maskz_max_ps(static_cast<__mmask16>(-1), reinterpret_cast<__m512>(value), _mm512_setzero_ps()));
-  if constexpr (sizeof(V) == 64 && std::is_same_v<T, double>)
-    return reinterpret_cast<V>(
-        _mm512_maskz_max_pd(static_cast<__mmask8>(-1), reinterpret_cast<__m512d>(value), _mm512_setzero_pd()));
-#endif
-#ifdef __AVX__
-  if constexpr (sizeof(V) == 32 && std::is_same_v<T, float>)
-    return reinterpret_cast<V>(_mm256_max_ps(reinterpret_cast<__m256>(value), _mm256_setzero_ps()));
-  if constexpr (sizeof(V) == 32 && std::is_same_v<T, double>)
-    return reinterpret_cast<V>(_mm256_max_pd(reinterpret_cast<__m256d>(value), _mm256_setzero_pd()));
-#endif
-  return value > T(0) ? value : V{};
+  const auto bits = reinterpret_cast<SignBits<V>>(value);
+  return reinterpret_cast<V>(bits > 0 ? bits : SignBits<V>{});
 }
 
 }  // namespace saltus
