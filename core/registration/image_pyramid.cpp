@@ -104,27 +104,33 @@ void ImagePyramid<Dim>::measure_noise(const std::vector<float>& fixed_weights,
 }
 
 template <int Dim>
+std::optional<double> ImagePyramid<Dim>::background_tolerance() const {
+  if (kNoise * noise_ > kMostNoise) return std::nullopt;
+  return std::max(kNoise * noise_, kLeastContrast);
+}
+
+template <int Dim>
 void ImagePyramid<Dim>::measure_contrast(const std::vector<float>& fixed_weights) {
   const float* const seen = fixed_weights.empty() ? nullptr : fixed_weights.data();
   const std::vector<float> samples = scaled(input_.fixed, fixed_weights);
   IndexBox<Dim> content{{}, fixed_lattice_.size};  // around it nothing pulls, however much of the image that is
-  if (kNoise * noise_ <= kMostNoise)
-    content = content_box(fixed_lattice_, samples.data(), seen, std::max(kNoise * noise_, kLeastContrast));
+  if (const auto tolerance = background_tolerance())
+    content = content_box(fixed_lattice_, samples.data(), seen, *tolerance);
   contrast_ = rms_gradient<Dim>(fixed_lattice_, samples.data(), seen, content);
 }
 
 template <int Dim>
 void ImagePyramid<Dim>::find_region(const std::vector<float>& fixed_weights, const std::vector<float>& moving_weights) {
-  if (kNoise * noise_ > kMostNoise) return;
+  const auto tolerance = background_tolerance();
+  if (!tolerance) return;
   const auto seen = [](const std::vector<float>& weights) { return weights.empty() ? nullptr : weights.data(); };
-  const double contrast = std::max(kNoise * noise_, kLeastContrast);  // of each image's range
   const std::vector<float>&fixed_samples = input_.fixed.samples, &moving_samples = input_.moving.samples;
   const IntensityRange moving_range =
       intensity_range(moving_samples.size(), moving_samples.data(), seen(moving_weights));
   const IndexBox<Dim> fixed = content_box(fixed_lattice_, fixed_samples.data(), seen(fixed_weights),
-                                          contrast * range_.width()),
+                                          *tolerance * range_.width()),
                       moving = content_box(moving_lattice_, moving_samples.data(), seen(moving_weights),
-                                           contrast * moving_range.width());
+                                           *tolerance * moving_range.width());
   for (int axis = 0; axis < Dim; ++axis) {
     region_low_[axis] = fixed.begin[axis] * fixed_lattice_.spacing[axis];
     region_high_[axis] = (fixed.end[axis] - 1) * fixed_lattice_.spacing[axis];

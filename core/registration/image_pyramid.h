@@ -50,6 +50,8 @@ class ImagePyramid {
 
  private:
   void measure_noise(const std::vector<float>& fixed_weights, const std::vector<float>& moving_weights);
+  /// Of each image's range: what differs from background by less is background. None where noise hides which that is.
+  std::optional<double> background_tolerance() const;
   void measure_contrast(const std::vector<float>& fixed_weights);
   void find_region(const std::vector<float>& fixed_weights, const std::vector<float>& moving_weights);
   double level_noise(int level) const;

@@ -20,7 +20,7 @@ template <int Dim>
 constexpr FineWidth kFineWidth = Dim == 3 ? FineWidth{2, 0.008} : FineWidth{0.7, 0.015};
 
 /// Of full_contrast: an image may be all but blank, and something has to hold momenta back.
-constexpr double kLeastContrast = 0.25;
+constexpr double kLeastCounted = 0.25;
 
 /// As a report may show it.
 double in_few_digits(double value) {
@@ -134,7 +134,7 @@ RegistrationOptions resolved(const RegistrationOptions& options, const Lattice<D
     const auto share = [&](double without_noise) { return (without_noise + beside_noise) / (1 + beside_noise); };
     const double contrast = std::ldexp(traits.contrast, finest) / o.momenta.full_contrast;
     if (contrast < 1) {
-      const double counted = std::max(contrast, kLeastContrast);
+      const double counted = std::max(contrast, kLeastCounted);
       o.momenta.sparsity = in_few_digits(o.momenta.sparsity * share(counted * counted));
       if (o.momenta.regularisation_beside_first == 0)
         o.momenta.regularisation_beside_first = in_few_digits(o.momenta.regularisation * share(counted));

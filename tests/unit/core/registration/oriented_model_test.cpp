@@ -163,6 +163,12 @@ struct SettledSlip {
         scales, level, make_similarity<2, double>(SimilarityType::Ssd, level.lattice, {}, 1.0), 4e-4, {}, 0.5);
   }
 
+  /// Has neither block nor element, and the normals of x.
+  void begin(MatchingObjective<2, double>& objective) const {
+    objective.working_set().set_active_blocks({});
+    objective.weigh({}, x);
+  }
+
   /// Looks at `at` and lets in what wants to take part.
   MinimiserState<double> look(MatchingObjective<2, double>& objective, const std::vector<double>& at,
                               Revision* revision = nullptr) const {
@@ -201,8 +207,7 @@ TEST(OrientedModel, LetsJoinWhatPullsHarderThanItsWeight) {
   const auto& scales = settled.scales;
   const std::vector<double>& x = settled.x;
   auto objective = settled.make();
-  objective.working_set().set_active_blocks({});
-  objective.weigh({}, x);
+  settled.begin(objective);
   const MinimiserState<double> state = settled.look(objective, x);
   const auto joined = objective.working_set().active_elements();
 
@@ -261,15 +266,13 @@ TEST(OrientedModel, LetsLittleJoinBesideWhatIsActive) {
   omp_set_num_threads(1);
   const SettledSlip settled;
   auto first = settled.make();
-  first.working_set().set_active_blocks({});
-  first.weigh({}, settled.x);
+  settled.begin(first);
   const MinimiserState<double> state = settled.look(first, settled.x);
   const auto joined = first.working_set().active_elements();
 
   // The same from where the elements beside every second of those are active.
   auto crowded = settled.make();
-  crowded.working_set().set_active_blocks({});
-  crowded.weigh({}, settled.x);
+  settled.begin(crowded);
   std::vector<std::vector<std::uint32_t>> active(settled.scales.size());
   std::vector<std::set<std::size_t>> taken(settled.scales.size());
   for (std::size_t s = 0; s < settled.scales.size(); ++s) {
@@ -352,8 +355,7 @@ TEST(OrientedModel, TellsWhatShareHasJoined) {
   omp_set_num_threads(1);
   const SettledSlip settled;
   auto first = settled.make();
-  first.working_set().set_active_blocks({});
-  first.weigh({}, settled.x);
+  settled.begin(first);
   settled.look(first, settled.x);
   const auto thinned = [](std::vector<std::vector<std::uint32_t>> lists, std::size_t step) {
     for (std::vector<std::uint32_t>& list : lists) {
@@ -375,8 +377,7 @@ TEST(OrientedModel, TellsWhatShareHasJoined) {
     auto objective = settled.make();
     const auto elements = thinned(first.working_set().active_elements(), of_elements),
                blocks = thinned(first.working_set().active_blocks(), of_blocks);
-    objective.working_set().set_active_blocks({});
-    objective.weigh({}, settled.x);
+    settled.begin(objective);
     objective.working_set().set_active_blocks(blocks);
     objective.working_set().set_active_elements(elements);
     std::vector<double> x(objective.size(), 0.0);  // order 0, and all else 0
