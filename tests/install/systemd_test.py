@@ -154,6 +154,7 @@ def check(machine):
     restarts = int(machine.show("NRestarts"))
     machine.call("systemctl", "kill", "--kill-whom=main", "--signal=STOP", "saltusd")
     machine.wait_for("NRestarts", str(restarts + 1))
+    machine.wait_for("ActiveState", "active")  # the restart counts before there is a process
     machine.call("systemctl", "kill", "--kill-whom=main", "--signal=KILL", "saltusd")
     machine.wait_for("NRestarts", str(restarts + 2))
     machine.wait_for("ActiveState", "active")
