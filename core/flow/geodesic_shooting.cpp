@@ -69,7 +69,7 @@ GeodesicShooting<Dim, T>::GeodesicShooting(std::vector<MomentumScale<Dim, T>*> s
     if (scale->has_first_order()) state.first.resize(Dim * scale->field_size());
     state.velocity.resize(scale->field_size());
     if (scale->oriented())
-      state.oriented = std::make_unique<OrientedFlow<Dim, T>>(*scale->oriented(), velocity_lattice, time_steps);
+      state.oriented = std::make_unique<OrientedFlow<Dim, T>>(*scale->oriented(), velocity_lattice, time_steps, evolution);
     states_.push_back(std::move(state));
   }
   velocities_.assign(nodes(), Field<T>(Dim * velocity_lattice.sites()));
@@ -224,8 +224,10 @@ void GeodesicShooting<Dim, T>::shoot(const std::vector<MomentumPointers<T>>& mom
 template <int Dim, class T>
 std::vector<double> GeodesicShooting<Dim, T>::hamiltonians(const std::vector<MomentumPointers<T>>& momenta) {
   std::vector<double> energies(time_steps_ + 1, 0.0);
-  for (std::size_t s = 0; s < states_.size(); ++s)
+  for (std::size_t s = 0; s < states_.size(); ++s) {
     energies[0] += states_[s].scale->total_energy(momenta[s].zeroth, momenta[s].first);
+    for (int k = 0; k <= time_steps_ && states_[s].oriented; ++k) energies[k] += states_[s].oriented->energy(k);
+  }
   for (int k = 1; k <= time_steps_; ++k) {
     for (auto& shared : lattices_) shared->sites.move(shared->predicted[k].data());
     for (std::size_t s = 0; s < states_.size(); ++s) {

@@ -39,7 +39,7 @@ struct ActiveBlocks {
 /// Time is cut into `time_steps` equal steps. Momenta are transported in closed form (coadjoint_transport.h), each
 /// scale by its own sites; v at the steps' ends is the sum over scales on the velocity lattice. Sites move with Heun's
 /// rule: the velocity of the next end is made from the predicted positions, so one synthesis a step gives second order.
-/// Oriented momenta are carried as oriented_flow.h tells, whatever the evolution of the others is.
+/// Oriented momenta go as oriented_flow.h tells.
 /// Scales on one lattice share its sites; where none of them has an order 0, only sites around active blocks move.
 ///
 /// Maps may need shorter steps than momenta: x - dt v(x) is one to one only where dt |D v| < 1. So each step is cut
@@ -64,9 +64,9 @@ class GeodesicShooting {
   /// v(t_k), k = 0..time_steps * map_steps, t_k evenly spaced over [0,1], interleaved, mm per unit time.
   const std::vector<Field<T>>& velocities() const { return velocities_; }
 
-  /// Sum over scales of 1/2 (rho | K rho) of the transported momenta at every node of the last shoot, which must have
-  /// been of all blocks. With one scale it is the Hamiltonian and conserved; with several kernels each momentum goes
-  /// its own way and it need not be.
+  /// Sum over scales, and over the normals of oriented momenta, of 1/2 (rho | K rho) of the transported momenta at every
+  /// node of the last shoot, which must have been of all blocks and, with oriented momenta, not `carried`. With one
+  /// kernel it is the Hamiltonian and conserved; with several each momentum goes its own way and it need not be.
   std::vector<double> hamiltonians(const std::vector<MomentumPointers<T>>& momenta);
 
   /// Adjoint of the last shoot and its blocks. `velocity_duals` (dE/dv(t_k), modified) -> adds dE/dm to `gradient`; and

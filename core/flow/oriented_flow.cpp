@@ -8,12 +8,13 @@ namespace saltus {
 
 template <int Dim, class T>
 OrientedFlow<Dim, T>::OrientedFlow(OrientedMomenta<Dim, T>& momenta, const Lattice<Dim>& velocity_lattice,
-                                   int time_steps)
+                                   int time_steps, Evolution evolution)
     : momenta_(momenta),
       lattice_(velocity_lattice),
       prolongation_(momenta.lattice(), velocity_lattice, Dim),
       position_(static_cast<std::size_t>(time_steps)),
       predicted_(static_cast<std::size_t>(time_steps) + 1) {
+  if (evolution != Evolution::Carried) transport_ = std::make_unique<ElementTransport<Dim, T>>(momenta, evolution);
   if (!prolongation_.is_identity()) own_.resize(Dim * momenta.lattice().sites());
 }
 
@@ -23,7 +24,10 @@ void OrientedFlow<Dim, T>::begin(const std::vector<Element>* elements, const T* 
   values_ = values;
   if (is_empty()) return;
   if (*elements != placed_ || momenta_.turns() != placed_after_) {
-    momenta_.place(*elements, position_[0]);
+    if (transport_)
+      transport_->place(*elements, position_[0]);
+    else
+      momenta_.place(*elements, position_[0]);
     placed_ = *elements;
     placed_after_ = momenta_.turns();
   }
@@ -36,13 +40,15 @@ void OrientedFlow<Dim, T>::begin(const std::vector<Element>* elements, const T* 
 template <int Dim, class T>
 void OrientedFlow<Dim, T>::add_velocity(int k, T* velocity) {
   if (is_empty()) return;
-  if (own_.empty()) {
-    momenta_.add_velocity(*elements_, corners_at(k).data(), values_, velocity);
-    return;
-  }
+  T* sum = own_.empty() ? velocity : own_.data();
   std::fill(own_.begin(), own_.end(), T(0));
-  momenta_.add_velocity(*elements_, corners_at(k).data(), values_, own_.data());
-  prolongation_.add_to(own_.data(), velocity);
+  if (transport_) {
+    transport_->transport(points_at(k), values_, transported_);
+    momenta_.add_transported(*elements_, transported_, values_, sum);
+  } else {
+    momenta_.add_velocity(*elements_, points_at(k).data(), values_, sum);
+  }
+  if (!own_.empty()) prolongation_.add_to(own_.data(), velocity);
 }
 
 template <int Dim, class T>
@@ -57,6 +63,13 @@ void OrientedFlow<Dim, T>::correct(int k, const T* velocity, T dt) {
   // Half of what predicts is the first half of the rule.
   for (std::size_t i = 0; i < position_[k].size(); ++i) position_[k][i] = (position_[k - 1][i] + predicted_[k][i]) / 2;
   advance_points<Dim, T>(position_[k], predicted_[k], lattice_, velocity, dt / 2, position_[k]);
+}
+
+template <int Dim, class T>
+double OrientedFlow<Dim, T>::energy(int k) {
+  if (is_empty()) return 0;
+  transport_->transport(points_at(k), values_, transported_);
+  return momenta_.energy(*elements_, transported_);
 }
 
 template <int Dim, class T>
@@ -82,8 +95,15 @@ void OrientedFlow<Dim, T>::add_velocity_adjoint(int k, const T* velocity_dual, T
     prolongation_.transpose(velocity_dual, own_.data());
     velocity_dual = own_.data();
   }
-  momenta_.add_velocity_adjoint(*elements_, corners_at(k).data(), values_, velocity_dual, values_dual,
-                                k == 0 ? nullptr : predicted_dual_.data());
+  T* points_dual = k == 0 ? nullptr : predicted_dual_.data();
+  if (!transport_) {
+    momenta_.add_velocity_adjoint(*elements_, points_at(k).data(), values_, velocity_dual, values_dual, points_dual);
+    return;
+  }
+  transport_->transport(points_at(k), values_, transported_);
+  transported_duals_.resize(transported_.size());
+  momenta_.add_transported_adjoint(*elements_, transported_, values_, velocity_dual, transported_duals_);
+  transport_->adjoint(points_at(k), values_, transported_duals_, values_dual, points_dual);
 }
 
 template <int Dim, class T>

@@ -17,6 +17,7 @@ namespace saltus {
 /// and for energies, which average on both sides (L = B * B the hat),
 ///
 ///     value_gram     1/mass k0 * L           slope_gram   -sigma^2/mass k0'' * L     (holds the Dirac of k0'' at 0)
+///     cross_gram     sigma/mass k0' * L
 ///
 /// V' = S / sigma; S' is that of a function with kinks. Both are 0 beyond `reach`.
 template <class T>
@@ -78,6 +79,12 @@ struct AveragedWendland {
       return std::abs(at) / 2 - sigma / 8 * (1 - q * q * q * q);
     };
     return second_difference(r, second);
+  }
+  T cross_gram(T r) const {
+    return sigma * second_difference(r, [this](T at) {  // antiderivative of k0, divided by mass
+      const T q = positive_part(T(1) - std::abs(at) * per_sigma);
+      return std::copysign((1 - q * q * q) / 2, at);
+    });
   }
   T slope_gram(T r) const {
     return -T(1.5) * sigma * second_difference(r, [this](T at) {

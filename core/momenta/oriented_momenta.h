@@ -2,9 +2,11 @@
 
 #include "core/grid/lattice.h"
 #include "core/kernels/averaged_wendland.h"
+#include "core/momenta/transported_element.h"
 
 #include <Eigen/Core>
 
+#include <array>
 #include <cstdint>
 #include <vector>
 
@@ -21,6 +23,10 @@ struct OrientedOptions {
   /// holds fewer, as many as it holds.
   int spacing = 1;
 };
+
+/// Width of a site's cell along a direction, mm: that of a cube is the same for all.
+template <int Dim>
+double cell_along(const Lattice<Dim>& lattice, const Eigen::Matrix<double, Dim, 1>& direction);
 
 /// How far apart elements are along each axis, in sites: the spacing, and no further than half a width.
 template <int Dim>
@@ -46,7 +52,7 @@ std::size_t sites_with_room(const Lattice<Dim>& lattice, double width_mm, int sp
 /// is t_e1.
 ///
 /// Not for concurrent use: holds scratch memory. Threads inside (OpenMP); results do not depend on their number. What
-/// visits the sites around elements is in oriented_synthesis.cpp.
+/// visits the sites around elements is in oriented_synthesis.cpp and transported_synthesis.cpp.
 template <int Dim, class T>
 class OrientedMomenta {
  public:
@@ -101,11 +107,23 @@ class OrientedMomenta {
   /// As MomentumScale::first_order_stiffness: a_1 V c, the same for all normals where samples are cubes.
   double stiffness(std::size_t normal) const;
 
-  /// Position, normal and axes (rows: n, t_1, ..) of an element from its corners.
-  struct Placement {
-    Eigen::Matrix<T, Dim, 1, Eigen::DontAlign> at;
-    Eigen::Matrix<T, Dim, Dim, Eigen::DontAlign> axes;
-  };
+  // Elements that a flow has transported as momenta, not as things (evolution `exact`, see element_transport.h). Their
+  // kernel stays turned as it was at time 0. Those in `elements` have the momenta `at_start` there; who has none costs
+  // little.
+
+  /// velocity += a_1 V sum over e of m_0 P + sigma m_1 (N . grad) P at x - at, P the product of averaged values.
+  void add_transported(const std::vector<Element>& elements, const std::vector<TransportedElement<Dim, T>>& transported,
+                       const T* at_start, T* velocity) const;
+  /// Its transpose and derivative: duals of m_0, m_1 and, where the momentum is not 0, of N and the position.
+  void add_transported_adjoint(const std::vector<Element>& elements,
+                               const std::vector<TransportedElement<Dim, T>>& transported, const T* at_start,
+                               const T* velocity_dual, std::vector<TransportedElement<Dim, T>>& duals) const;
+  /// Sum over normals of 1/2 (rho | K_n rho), where K_n is turned as the options' normal n: at time 0 the penalty.
+  /// For tests and reports: takes the square of the number of elements.
+  double energy(const std::vector<Element>& elements, const std::vector<TransportedElement<Dim, T>>& transported) const;
+
+  using Placement = ElementPlacement<Dim, T>;
+  /// Of an element from its corners.
   static Placement placement(const T* corners);
 
  private:
@@ -116,12 +134,14 @@ class OrientedMomenta {
     int steepest = 0;                      ///< see steepest_axis
     Index<Dim> reach;                      ///< of `gram`, in sites
     std::vector<T> gram;                   ///< of two elements by how far their sites are apart
+    std::array<T, Dim> reaches() const {   ///< of the profiles, mm
+      std::array<T, Dim> found;
+      for (std::size_t k = 0; k < Dim; ++k) found[k] = profiles[k].reach();
+      return found;
+    }
   };
   bool has_room(Element element) const;
-  std::size_t padded_row() const;
   static T shape_scale(const Orientation& orientation);
-  template <class Lanes>
-  void visit_lanes(const Orientation& orientation, const Placement& place, int begin, int end, Lanes&& lanes) const;
   struct Pull {
     Eigen::Matrix<T, Dim, 1> pulled, force;
     Eigen::Matrix<T, Dim, Dim> turning;
@@ -136,7 +156,7 @@ class OrientedMomenta {
   std::vector<T> turned_normals_;
   std::vector<Element> turned_, candidates_;
   std::size_t turns_ = 0;
-  mutable std::vector<T> by_component_;  ///< a field, component after component, in padded rows
+  mutable std::vector<T> by_component_;  ///< of a PaddedField
 };
 
 }  // namespace saltus

@@ -1,11 +1,10 @@
 #include "core/momenta/oriented_momenta.h"
 
-#include "core/support/registers.h"
+#include "core/momenta/element_lanes.h"
 
 #include <Eigen/Geometry>
 
 #include <algorithm>
-#include <cmath>
 #include <numbers>
 
 #ifdef _OPENMP
@@ -54,103 +53,6 @@ void corners_adjoint(const T* corners, const Eigen::Matrix<T, Dim, 1>& at_dual, 
 
 }  // namespace
 
-/// Rows of `by_component_` have room for the lanes that reach beyond a row of the lattice.
-template <int Dim, class T>
-std::size_t OrientedMomenta<Dim, T>::padded_row() const {
-  return static_cast<std::size_t>(options_.lattice.size[0]) + kRegisterLanes<T>;
-}
-
-/// Calls lanes(at, r) for the sites of the lattice that an element can reach, a register of them side by side along x
-/// at a time, in planes [begin, end) of the last axis: `at` is where the first one's value stands in a field of padded
-/// rows, `r` their places along the element's axes. Lanes beyond the element's reach have a shape of 0; lanes beyond
-/// the row are in its padding.
-template <int Dim, class T>
-template <class Lanes>
-[[gnu::always_inline]] inline void OrientedMomenta<Dim, T>::visit_lanes(const Orientation& orientation,
-                                                                        const Placement& place, int begin, int end,
-                                                                        Lanes&& lanes) const {
-  constexpr int kRows = 16;  // whose ends are found together
-  constexpr int kWidth = static_cast<int>(kRegisterLanes<T>);
-  const Lattice<Dim>& lattice = options_.lattice;
-  // Nothing else than finite places can be on the lattice.
-  if (!place.at.allFinite() || !place.axes.allFinite()) return;
-  Index<Dim> low, high;  // sites of the box around it, high excluded
-  T centre[Dim];         // from site 0, mm
-  for (int a = 0; a < Dim; ++a) {
-    T extent = 0;
-    for (int k = 0; k < Dim; ++k) extent += std::abs(place.axes(k, a)) * orientation.profiles[k].reach();
-    centre[a] = static_cast<T>(static_cast<double>(place.at[a]) - lattice.offset[a]);
-    const double h = lattice.spacing[a], from = std::ceil((centre[a] - extent) / h),
-                 to = std::floor((centre[a] + extent) / h) + 1;
-    const double first = a == Dim - 1 ? begin : 0, last = a == Dim - 1 ? end : lattice.size[a];
-    if (!(from < last && to > first)) return;
-    low[a] = static_cast<int>(std::max(first, from));
-    high[a] = static_cast<int>(std::min(last, to));
-  }
-  const T h = static_cast<T>(lattice.spacing[0]);
-  T step[Dim], per_step[Dim];  // 0: what divides by nearly nothing bounds no row
-  Register<T> beside[Dim];     // from the first lane
-  for (int k = 0; k < Dim; ++k) {
-    step[k] = place.axes(k, 0) * h;
-    per_step[k] = std::abs(step[k]) < T(1e-3) * h ? T(0) : 1 / step[k];
-    T lanes_beside[kWidth];
-    for (int i = 0; i < kWidth; ++i) lanes_beside[i] = static_cast<T>(i) * step[k];
-    beside[k] = load<T>(lanes_beside);
-  }
-  const std::size_t row = padded_row();
-  const int planes_begin = Dim == 3 ? low[Dim - 1] : 0, planes_end = Dim == 3 ? high[Dim - 1] : 1;
-  for (int z = planes_begin; z < planes_end; ++z) {
-    T of_plane[Dim];  // along the axes at x = y = 0
-    for (int k = 0; k < Dim; ++k) {
-      of_plane[k] = -place.axes(k, 0) * centre[0];
-      if constexpr (Dim == 3) of_plane[k] += place.axes(k, 2) * (static_cast<T>(z * lattice.spacing[2]) - centre[2]);
-    }
-    for (int y = low[1]; y < high[1]; y += kRows) {
-      T across[Dim][kRows];  // along the axes at x = 0 of each row
-      T least[kRows], most[kRows];
-      for (int i = 0; i < kRows; ++i) {
-        least[i] = static_cast<T>(low[0]);
-        most[i] = static_cast<T>(high[0] - 1);
-      }
-      const T spacing = static_cast<T>(lattice.spacing[1]);
-      for (int k = 0; k < Dim; ++k) {
-        const T reach = orientation.profiles[k].reach();
-#pragma omp simd
-        for (int i = 0; i < kRows; ++i)
-          across[k][i] = of_plane[k] + place.axes(k, 1) * (static_cast<T>(y + i) * spacing - centre[1]);
-        if (per_step[k] == T(0)) continue;
-          // |across + step x| <= reach
-#pragma omp simd
-        for (int i = 0; i < kRows; ++i) {
-          const T one = (-reach - across[k][i]) * per_step[k], other = (reach - across[k][i]) * per_step[k];
-          const T smaller = one < other ? one : other, larger = one < other ? other : one;
-          least[i] = least[i] > smaller ? least[i] : smaller;
-          most[i] = most[i] < larger ? most[i] : larger;
-        }
-      }
-      int first[kRows], last[kRows];
-#pragma omp simd
-      for (int i = 0; i < kRows; ++i) {
-        // Rounding may take a site at the ends of a row away, where the shape is next to nothing.
-        const bool is_empty = !(least[i] <= most[i] + 1);
-        first[i] = is_empty ? 1 : static_cast<int>(std::floor(least[i]));
-        last[i] = is_empty ? 0 : static_cast<int>(std::ceil(most[i]));
-      }
-      const int rows = std::min(kRows, high[1] - y);
-      for (int i = 0; i < rows; ++i) {
-        const int begin_x = std::max(first[i], low[0]), end_x = std::min(last[i], high[0] - 1);
-        std::size_t at = row * static_cast<std::size_t>(y + i) + static_cast<std::size_t>(begin_x);
-        if constexpr (Dim == 3) at += row * static_cast<std::size_t>(lattice.size[1]) * static_cast<std::size_t>(z);
-        for (int x = begin_x; x <= end_x; x += kWidth, at += kWidth) {
-          Register<T> r[Dim];
-          for (int k = 0; k < Dim; ++k) r[k] = (across[k][i] + step[k] * static_cast<T>(x)) + beside[k];
-          lanes(at, r);
-        }
-      }
-    }
-  }
-}
-
 /// What the product of the profiles' shapes is short of.
 template <int Dim, class T>
 T OrientedMomenta<Dim, T>::shape_scale(const Orientation& orientation) {
@@ -164,11 +66,9 @@ void OrientedMomenta<Dim, T>::add_velocity(const std::vector<Element>& elements,
                                            T* velocity) const {
   if (elements.empty()) return;
   const int planes = options_.lattice.size[Dim - 1];
-  const auto length = static_cast<std::size_t>(options_.lattice.size[0]);
-  const std::size_t row = padded_row(), rows = sites_ / length, rows_of_plane = rows / static_cast<std::size_t>(planes);
-  const std::size_t field = row * rows;
+  PaddedField<Dim, T> sum(options_.lattice, by_component_);
   const T factor = static_cast<T>(options_.weight * options_.lattice.cell_volume());
-  by_component_.assign(Dim * field, T(0));
+  sum.clear();
 #ifdef _OPENMP
   const int parts = std::max(1, std::min(planes, omp_get_max_threads()));
 #else
@@ -189,20 +89,19 @@ void OrientedMomenta<Dim, T>::add_velocity(const std::vector<Element>& elements,
         for (int a = 0; a < Dim; ++a) vector[a] += scale * c[j - 1] * place.axes(j, a);
       AveragedWendland<T> p[Dim];
       std::copy_n(orientation.profiles, Dim, p);
-      T* out = by_component_.data();
-      visit_lanes(orientation, place, begin, end, [&](std::size_t at, const Register<T>* r) {
-        Register<T> shape = p[0].slope_shape(p[0].ends(r[0]));
-        for (int k = 1; k < Dim; ++k) shape *= p[k].value_shape(p[k].ends(r[k]));
-        for (int a = 0; a < Dim; ++a) {
-          T* to = out + static_cast<std::size_t>(a) * field + at;
-          store<T>(load<T>(to) + shape * vector[a], to);
-        }
-      });
+      T* out[Dim];
+      for (int a = 0; a < Dim; ++a) out[a] = sum.component(a);
+      visit_lanes<Dim, T>(options_.lattice, orientation.reaches(), place, begin, end,
+                          [&](std::size_t at, const Register<T>* r) {
+                            Register<T> shape = p[0].slope_shape(p[0].ends(r[0]));
+                            for (int k = 1; k < Dim; ++k) shape *= p[k].value_shape(p[k].ends(r[k]));
+                            for (int a = 0; a < Dim; ++a) {
+                              T* to = out[a] + at;
+                              store<T>(load<T>(to) + shape * vector[a], to);
+                            }
+                          });
     }
-    for (std::size_t i = rows_of_plane * begin; i < rows_of_plane * end; ++i)
-      for (std::size_t x = 0; x < length; ++x)
-        for (int a = 0; a < Dim; ++a)
-          velocity[Dim * (length * i + x) + a] += by_component_[static_cast<std::size_t>(a) * field + row * i + x];
+    sum.add_to(velocity, begin, end);
   }
 }
 
@@ -215,44 +114,43 @@ template <bool Moves>
 auto OrientedMomenta<Dim, T>::pull(const Orientation& orientation, const Placement& place,
                                    const Eigen::Matrix<T, Dim, 1>& vector) const -> Pull {
   constexpr int kPairs = Dim * (Dim - 1) / 2;
-  const std::size_t field = padded_row() * (sites_ / static_cast<std::size_t>(options_.lattice.size[0]));
   AveragedWendland<T> p[Dim];
   std::copy_n(orientation.profiles, Dim, p);
   T v[Dim];
   for (int a = 0; a < Dim; ++a) v[a] = vector[a];
-  const T* dual = by_component_.data();
+  const PaddedField<Dim, T> duals(options_.lattice, by_component_);
+  const T* dual[Dim];
+  for (int a = 0; a < Dim; ++a) dual[a] = duals.component(a);
   Register<T> pulled[Dim] = {}, force[Dim] = {}, turning[kPairs] = {};
-  visit_lanes(orientation, place, 0, options_.lattice.size[Dim - 1], [&](std::size_t at, const Register<T>* r) {
-    typename AveragedWendland<T>::template Ends<Register<T>> ends[Dim];
-    Register<T> own[Dim], f[Dim];
-    for (int k = 0; k < Dim; ++k) {
-      own[k] = load<T>(dual + static_cast<std::size_t>(k) * field + at);
-      ends[k] = p[k].ends(r[k]);
-      f[k] = k == 0 ? p[k].slope_shape(ends[k]) : p[k].value_shape(ends[k]);
-    }
-    Register<T> shape = f[0] * f[1];
-    if constexpr (Dim == 3) shape *= f[2];
-    for (int a = 0; a < Dim; ++a) pulled[a] += shape * own[a];
-    if constexpr (Moves) {
-      Register<T> g = v[0] * own[0];
-      for (int a = 1; a < Dim; ++a) g += v[a] * own[a];
-      Register<T> term[Dim];
-      for (int k = 0; k < Dim; ++k) {
-        term[k] = g * (k == 0 ? p[k].slope_shape_derivative(ends[k]) : p[k].value_shape_derivative(ends[k]));
-        for (int other = 0; other < Dim; ++other)
-          if (other != k) term[k] *= f[other];
-        force[k] += term[k];
-      }
-      for (int k = 0, pair = 0; k < Dim; ++k)
-        for (int l = k + 1; l < Dim; ++l, ++pair) turning[pair] += term[k] * r[l] - term[l] * r[k];
-    }
-  });
+  visit_lanes<Dim, T>(
+      options_.lattice, orientation.reaches(), place, 0, options_.lattice.size[Dim - 1],
+      [&](std::size_t at, const Register<T>* r) {
+        typename AveragedWendland<T>::template Ends<Register<T>> ends[Dim];
+        Register<T> own[Dim], f[Dim];
+        for (int k = 0; k < Dim; ++k) {
+          own[k] = load<T>(dual[k] + at);
+          ends[k] = p[k].ends(r[k]);
+          f[k] = k == 0 ? p[k].slope_shape(ends[k]) : p[k].value_shape(ends[k]);
+        }
+        Register<T> shape = f[0] * f[1];
+        if constexpr (Dim == 3) shape *= f[2];
+        for (int a = 0; a < Dim; ++a) pulled[a] += shape * own[a];
+        if constexpr (Moves) {
+          Register<T> g = v[0] * own[0];
+          for (int a = 1; a < Dim; ++a) g += v[a] * own[a];
+          Register<T> term[Dim];
+          for (int k = 0; k < Dim; ++k) {
+            term[k] = g * (k == 0 ? p[k].slope_shape_derivative(ends[k]) : p[k].value_shape_derivative(ends[k]));
+            for (int other = 0; other < Dim; ++other)
+              if (other != k) term[k] *= f[other];
+            force[k] += term[k];
+          }
+          for (int k = 0, pair = 0; k < Dim; ++k)
+            for (int l = k + 1; l < Dim; ++l, ++pair) turning[pair] += term[k] * r[l] - term[l] * r[k];
+        }
+      });
   const T scale = shape_scale(orientation);
-  const auto total = [scale](const Register<T>& lanes) {
-    T sum = 0;
-    for (std::size_t i = 0; i < kRegisterLanes<T>; ++i) sum += lanes[i];
-    return scale * sum;
-  };
+  const auto total = [scale](const Register<T>& lanes) { return scale * sum_of<T>(lanes); };
   Pull found;
   for (int k = 0, pair = 0; k < Dim; ++k) {
     found.pulled[k] = total(pulled[k]);
@@ -272,17 +170,8 @@ void OrientedMomenta<Dim, T>::add_velocity_adjoint(const std::vector<Element>& e
                                                    T* corners_dual) const {
   using Column = Eigen::Matrix<T, Dim, 1>;
   if (elements.empty()) return;
-  const auto length = static_cast<std::size_t>(options_.lattice.size[0]);
-  const std::size_t row = padded_row(), rows = sites_ / length, field = row * rows;
   const T factor = static_cast<T>(options_.weight * options_.lattice.cell_volume());
-  by_component_.resize(Dim * field);
-#pragma omp parallel for schedule(static)
-  for (std::size_t i = 0; i < rows; ++i)
-    for (int a = 0; a < Dim; ++a) {
-      T* to = by_component_.data() + static_cast<std::size_t>(a) * field + row * i;
-      for (std::size_t x = 0; x < length; ++x) to[x] = velocity_dual[Dim * (length * i + x) + a];
-      std::fill(to + length, to + row, T(0));  // lanes beyond the row count nothing
-    }
+  PaddedField<Dim, T>(options_.lattice, by_component_).assign(velocity_dual);
 #pragma omp parallel for schedule(dynamic, 16)
   for (std::size_t e = 0; e < elements.size(); ++e) {
     const Orientation& orientation = orientations_[normal_of(elements[e])];

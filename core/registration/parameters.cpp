@@ -463,8 +463,6 @@ std::vector<std::string> problems(const RegistrationOptions& options) {
                       " has no first orders along the axes; choose model sliding or wendland1, or set it to 0");
     else if (options.momenta.sparsity == 0)
       found.push_back(given + " and sparsity is 0; oriented momenta need a sparsity above 0");
-    if (options.flow.evolution != Evolution::Carried)
-      found.push_back(given + " and evolution is not carried; oriented momenta know no other, set it to carried");
   }
   if (!options.momenta.first_order_kernel_widths.empty() && !may_have_first_order_alone(options))
     found.push_back("parameter first_order_kernel_widths is " + format(options.momenta.first_order_kernel_widths) +

@@ -97,7 +97,7 @@ class Experiment {
 
   /// What the elements make at the end, carried in so many steps.
   std::vector<double> carried(int steps) const {
-    OrientedFlow<Dim, double> flow(*momenta_, lattice_, steps);
+    OrientedFlow<Dim, double> flow(*momenta_, lattice_, steps, Evolution::Carried);
     const double dt = 1.0 / steps;
     flow.begin(&elements_, values_.data());
     for (int k = 0; k < steps; ++k) {
@@ -155,7 +155,7 @@ TEST(OrientedFlow, BeginsWhereElementsAreNow) {
   options.width_mm = 6;
   using Oriented = OrientedMomenta<2, double>;
   Oriented momenta(options);
-  OrientedFlow<2, double> flow(momenta, options.lattice, 1);
+  OrientedFlow<2, double> flow(momenta, options.lattice, 1, Evolution::Carried);
   const std::size_t sites = options.lattice.sites();
   const std::vector<std::uint32_t> one = {static_cast<std::uint32_t>(sites + 15 * 30 + 15)},
                                    other = {static_cast<std::uint32_t>(sites + 15 * 30 + 16)};

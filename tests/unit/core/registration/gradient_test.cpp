@@ -158,7 +158,8 @@ std::vector<Case> all_cases() {
       cases.push_back({Model::Gaussian, similarity, true, Evolution::Carried, {}, 1, coarsening, true});
   cases.push_back({Model::Sliding, SimilarityType::Lncc, false, Evolution::Carried, {}, 1, 1, false});
   for (Model model : {Model::Sliding, Model::Wendland1})  // alone on its lattice, and with order 0
-    cases.push_back({model, SimilarityType::Ssd, false, Evolution::Carried, {}, 1, 0, false, 1});
+    for (Evolution evolution : {Evolution::Exact, Evolution::PerOrder, Evolution::Carried})
+      cases.push_back({model, SimilarityType::Ssd, false, evolution, {}, 1, 0, false, 1});
   return cases;
 }
 

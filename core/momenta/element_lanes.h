@@ -1,0 +1,157 @@
+#pragma once
+
+#include "core/grid/lattice.h"
+#include "core/momenta/transported_element.h"
+#include "core/support/registers.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <vector>
+
+namespace saltus {
+
+// For sources of the core alone (see registers.h): visits of the sites around an element of oriented momenta.
+
+/// Values as a vector field, component after component, in rows with room for the lanes that reach beyond a row of the
+/// lattice.
+template <int Dim, class T>
+class PaddedField {
+ public:
+  /// `values` must outlive this.
+  PaddedField(const Lattice<Dim>& lattice, std::vector<T>& values)
+      : values_(values),
+        length_(static_cast<std::size_t>(lattice.size[0])),
+        row_(row(lattice)),
+        rows_(lattice.sites() / length_),
+        rows_of_plane_(rows_ / static_cast<std::size_t>(lattice.size[Dim - 1])) {}
+
+  static std::size_t row(const Lattice<Dim>& lattice) {
+    return static_cast<std::size_t>(lattice.size[0]) + kRegisterLanes<T>;
+  }
+  T* component(int c) const { return values_.data() + static_cast<std::size_t>(c) * row_ * rows_; }
+
+  void clear() { values_.assign(Dim * row_ * rows_, T(0)); }
+  /// From an interleaved field; 0 in the padding. Threads inside.
+  void assign(const T* field) {
+    values_.resize(Dim * row_ * rows_);
+#pragma omp parallel for schedule(static)
+    for (std::size_t i = 0; i < rows_; ++i)
+      for (int c = 0; c < Dim; ++c) {
+        T* to = component(c) + row_ * i;
+        for (std::size_t x = 0; x < length_; ++x) to[x] = field[Dim * (length_ * i + x) + static_cast<std::size_t>(c)];
+        std::fill(to + length_, to + row_, T(0));
+      }
+  }
+  /// Adds planes [begin, end) of the last axis to an interleaved field.
+  void add_to(T* field, int begin, int end) const {
+    for (std::size_t i = rows_of_plane_ * static_cast<std::size_t>(begin);
+         i < rows_of_plane_ * static_cast<std::size_t>(end); ++i)
+      for (std::size_t x = 0; x < length_; ++x)
+        for (int c = 0; c < Dim; ++c)
+          field[Dim * (length_ * i + x) + static_cast<std::size_t>(c)] += component(c)[row_ * i + x];
+  }
+
+ private:
+  std::vector<T>& values_;
+  std::size_t length_, row_, rows_, rows_of_plane_;
+};
+
+/// Sum of the lanes.
+template <class T>
+[[gnu::always_inline]] inline T sum_of(const Register<T>& lanes) {
+  T sum = 0;
+  for (std::size_t i = 0; i < kRegisterLanes<T>; ++i) sum += lanes[i];
+  return sum;
+}
+
+/// Calls lanes(at, r) for the sites of the lattice that an element can reach, a register of them side by side along x
+/// at a time, in planes [begin, end) of the last axis: `at` is where the first one's value stands in a component of a
+/// PaddedField, `r` their places along the element's axes, along which it reaches as far as `reaches` says. Lanes
+/// beyond its reach have a shape of 0; lanes beyond the row are in its padding.
+template <int Dim, class T, class Lanes>
+[[gnu::always_inline]] inline void visit_lanes(const Lattice<Dim>& lattice, const std::array<T, Dim>& reaches,
+                                               const ElementPlacement<Dim, T>& place, int begin, int end,
+                                               Lanes&& lanes) {
+  constexpr int kRows = 16;  // whose ends are found together
+  constexpr int kWidth = static_cast<int>(kRegisterLanes<T>);
+  // Nothing else than finite places can be on the lattice.
+  if (!place.at.allFinite() || !place.axes.allFinite()) return;
+  Index<Dim> low, high;  // sites of the box around it, high excluded
+  T centre[Dim];         // from site 0, mm
+  for (int a = 0; a < Dim; ++a) {
+    T extent = 0;
+    for (int k = 0; k < Dim; ++k) extent += std::abs(place.axes(k, a)) * reaches[static_cast<std::size_t>(k)];
+    centre[a] = static_cast<T>(static_cast<double>(place.at[a]) - lattice.offset[a]);
+    const double h = lattice.spacing[a], from = std::ceil((centre[a] - extent) / h),
+                 to = std::floor((centre[a] + extent) / h) + 1;
+    const double first = a == Dim - 1 ? begin : 0, last = a == Dim - 1 ? end : lattice.size[a];
+    if (!(from < last && to > first)) return;
+    low[a] = static_cast<int>(std::max(first, from));
+    high[a] = static_cast<int>(std::min(last, to));
+  }
+  const T h = static_cast<T>(lattice.spacing[0]);
+  T step[Dim], per_step[Dim];  // 0: what divides by nearly nothing bounds no row
+  Register<T> beside[Dim];     // from the first lane
+  for (int k = 0; k < Dim; ++k) {
+    step[k] = place.axes(k, 0) * h;
+    per_step[k] = std::abs(step[k]) < T(1e-3) * h ? T(0) : 1 / step[k];
+    T lanes_beside[kWidth];
+    for (int i = 0; i < kWidth; ++i) lanes_beside[i] = static_cast<T>(i) * step[k];
+    beside[k] = load<T>(lanes_beside);
+  }
+  const std::size_t row = PaddedField<Dim, T>::row(lattice);
+  const int planes_begin = Dim == 3 ? low[Dim - 1] : 0, planes_end = Dim == 3 ? high[Dim - 1] : 1;
+  for (int z = planes_begin; z < planes_end; ++z) {
+    T of_plane[Dim];  // along the axes at x = y = 0
+    for (int k = 0; k < Dim; ++k) {
+      of_plane[k] = -place.axes(k, 0) * centre[0];
+      if constexpr (Dim == 3) of_plane[k] += place.axes(k, 2) * (static_cast<T>(z * lattice.spacing[2]) - centre[2]);
+    }
+    for (int y = low[1]; y < high[1]; y += kRows) {
+      T across[Dim][kRows];  // along the axes at x = 0 of each row
+      T least[kRows], most[kRows];
+      for (int i = 0; i < kRows; ++i) {
+        least[i] = static_cast<T>(low[0]);
+        most[i] = static_cast<T>(high[0] - 1);
+      }
+      const T spacing = static_cast<T>(lattice.spacing[1]);
+      for (int k = 0; k < Dim; ++k) {
+        const T reach = reaches[static_cast<std::size_t>(k)];
+#pragma omp simd
+        for (int i = 0; i < kRows; ++i)
+          across[k][i] = of_plane[k] + place.axes(k, 1) * (static_cast<T>(y + i) * spacing - centre[1]);
+        if (per_step[k] == T(0)) continue;
+          // |across + step x| <= reach
+#pragma omp simd
+        for (int i = 0; i < kRows; ++i) {
+          const T one = (-reach - across[k][i]) * per_step[k], other = (reach - across[k][i]) * per_step[k];
+          const T smaller = one < other ? one : other, larger = one < other ? other : one;
+          least[i] = least[i] > smaller ? least[i] : smaller;
+          most[i] = most[i] < larger ? most[i] : larger;
+        }
+      }
+      int first[kRows], last[kRows];
+#pragma omp simd
+      for (int i = 0; i < kRows; ++i) {
+        // Rounding may take a site at the ends of a row away, where the shape is next to nothing.
+        const bool is_empty = !(least[i] <= most[i] + 1);
+        first[i] = is_empty ? 1 : static_cast<int>(std::floor(least[i]));
+        last[i] = is_empty ? 0 : static_cast<int>(std::ceil(most[i]));
+      }
+      const int rows = std::min(kRows, high[1] - y);
+      for (int i = 0; i < rows; ++i) {
+        const int begin_x = std::max(first[i], low[0]), end_x = std::min(last[i], high[0] - 1);
+        std::size_t at = row * static_cast<std::size_t>(y + i) + static_cast<std::size_t>(begin_x);
+        if constexpr (Dim == 3) at += row * static_cast<std::size_t>(lattice.size[1]) * static_cast<std::size_t>(z);
+        for (int x = begin_x; x <= end_x; x += kWidth, at += kWidth) {
+          Register<T> r[Dim];
+          for (int k = 0; k < Dim; ++k) r[k] = (across[k][i] + step[k] * static_cast<T>(x)) + beside[k];
+          lanes(at, r);
+        }
+      }
+    }
+  }
+}
+
+}  // namespace saltus
