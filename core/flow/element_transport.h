@@ -10,17 +10,18 @@ namespace saltus {
 /// Ad* of the flow on elements of oriented momenta, in closed form, as coadjoint_transport.h does it for momenta along
 /// the axes: with F = D phi and G = F^-T at x, the functional w -> -sigma m . d_n w becomes, at phi(x),
 ///
-///     w -> m_0 . w - sigma m_1 . (N . grad) w,   N = F n,  m_1 = G m,  m_0 = sigma G (d_n F)^T G m   (evolution
-///     `exact`)
+///     w -> m_0 . w - sigma m_1 . (N . grad) w    with  N = F n,  m_1 = G m,  m_0 = sigma G (d_n F)^T G m
 ///
-/// and N = n, m_0 = 0 with `per_order`. No flow is differentiated across the element's own jump: F is the mean of both
-/// sides, each told by points on its own side, half a cell away from the element and two cells (along n: one) around
-/// there; d_n F is what they differ by. So both are right to second order in the cell where the flow is smooth.
+/// with evolution `exact`, and with N = n, m_0 = 0 with `per_order`. Of F each side of the element is asked by itself,
+/// by points half a cell away from it and two cells (along n: one) around there, and F is the mean of both: the
+/// element's own jump is not differentiated. d_n F is what both sides say of F, over their distance. So both are right
+/// to second order in the cell where the flow is smooth.
 ///
-/// Kernels do not turn: with the norm of one kernel K_n, elements move along its geodesics and 1/2 (rho | K_n rho) is
-/// conserved. With several kernels, or one that turns, each momentum goes its own way through a velocity that all
-/// share, and nothing of this kind is conserved (with v_n = K_n rho_n, it changes by
-/// sum over n < m of (rho_n - rho_m | [v_n, v_m])).
+/// Kernels do not turn: with the norm of one kernel K_n, elements move along its geodesics and H = 1/2 (rho | K_n rho)
+/// is conserved, as far as the lattice resolves the momentum; a sheet as thin as a cell it does not, whose H is
+/// infinite in the limit (core/README.md has figures). With several kernels, or one that turns, each momentum goes its
+/// own way through a velocity that all share, and nothing of this kind is conserved: with v_n = K_n rho_n and the
+/// bracket [v, w] = Dv w - Dw v, H changes at the rate of sum over n < m of (rho_n - rho_m | [v_n, v_m]).
 template <int Dim, class T>
 class ElementTransport {
  public:

@@ -69,7 +69,8 @@ GeodesicShooting<Dim, T>::GeodesicShooting(std::vector<MomentumScale<Dim, T>*> s
     if (scale->has_first_order()) state.first.resize(Dim * scale->field_size());
     state.velocity.resize(scale->field_size());
     if (scale->oriented())
-      state.oriented = std::make_unique<OrientedFlow<Dim, T>>(*scale->oriented(), velocity_lattice, time_steps, evolution);
+      state.oriented =
+          std::make_unique<OrientedFlow<Dim, T>>(*scale->oriented(), velocity_lattice, time_steps, evolution);
     states_.push_back(std::move(state));
   }
   velocities_.assign(nodes(), Field<T>(Dim * velocity_lattice.sites()));

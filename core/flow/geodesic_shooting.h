@@ -64,9 +64,10 @@ class GeodesicShooting {
   /// v(t_k), k = 0..time_steps * map_steps, t_k evenly spaced over [0,1], interleaved, mm per unit time.
   const std::vector<Field<T>>& velocities() const { return velocities_; }
 
-  /// Sum over scales, and over the normals of oriented momenta, of 1/2 (rho | K rho) of the transported momenta at every
-  /// node of the last shoot, which must have been of all blocks and, with oriented momenta, not `carried`. With one
-  /// kernel it is the Hamiltonian and conserved; with several each momentum goes its own way and it need not be.
+  /// Sum over scales, and over the normals of oriented momenta, of 1/2 (rho | K rho) of the transported momenta at
+  /// every node of the last shoot, which must have been of these momenta and all blocks. With one kernel it is the
+  /// Hamiltonian and conserved; with several each momentum goes its own way and it need not be. Throws InvalidInput
+  /// where there are oriented momenta and evolution is `carried`.
   std::vector<double> hamiltonians(const std::vector<MomentumPointers<T>>& momenta);
 
   /// Adjoint of the last shoot and its blocks. `velocity_duals` (dE/dv(t_k), modified) -> adds dE/dm to `gradient`; and

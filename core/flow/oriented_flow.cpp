@@ -1,6 +1,7 @@
 #include "core/flow/oriented_flow.h"
 
 #include "core/flow/point_steps.h"
+#include "core/support/errors.h"
 
 #include <algorithm>
 
@@ -68,6 +69,8 @@ void OrientedFlow<Dim, T>::correct(int k, const T* velocity, T dt) {
 template <int Dim, class T>
 double OrientedFlow<Dim, T>::energy(int k) {
   if (is_empty()) return 0;
+  if (!transport_)
+    throw InvalidInput("oriented momenta with evolution carried have no energy along their flow; choose exact");
   transport_->transport(points_at(k), values_, transported_);
   return momenta_.energy(*elements_, transported_);
 }
@@ -102,7 +105,8 @@ void OrientedFlow<Dim, T>::add_velocity_adjoint(int k, const T* velocity_dual, T
   }
   transport_->transport(points_at(k), values_, transported_);
   transported_duals_.resize(transported_.size());
-  momenta_.add_transported_adjoint(*elements_, transported_, values_, velocity_dual, transported_duals_);
+  momenta_.add_transported_adjoint(*elements_, transported_, values_, velocity_dual, points_dual != nullptr,
+                                   transported_duals_);
   transport_->adjoint(points_at(k), values_, transported_duals_, values_dual, points_dual);
 }
 

@@ -34,7 +34,8 @@ class OrientedFlow {
   /// Where they are at node k > 0, to second order; not at the last node, where nothing needs it.
   void correct(int k, const T* velocity, T dt);
 
-  /// OrientedMomenta::energy at node k of the last flow; not with evolution `carried`, which has none.
+  /// OrientedMomenta::energy at node k of the last flow, whose values must still live. Throws InvalidInput with
+  /// evolution `carried`, which has none.
   double energy(int k);
 
   /// The adjoints, for k from the last node down, each of what bears its name; `begin_adjoint` empties all duals.

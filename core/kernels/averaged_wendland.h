@@ -82,9 +82,9 @@ struct AveragedWendland {
   }
   T cross_gram(T r) const {
     return sigma * second_difference(r, [this](T at) {  // antiderivative of k0, divided by mass
-      const T q = positive_part(T(1) - std::abs(at) * per_sigma);
-      return std::copysign((1 - q * q * q) / 2, at);
-    });
+             const T q = positive_part(T(1) - std::abs(at) * per_sigma);
+             return std::copysign((1 - q * q * q) / 2, at);
+           });
   }
   T slope_gram(T r) const {
     return -T(1.5) * sigma * second_difference(r, [this](T at) {

@@ -20,6 +20,9 @@ namespace {
 /// see how an interface is curved.
 constexpr double kCornerDistance = 2;
 constexpr double kUnitLength = 1e-6;
+/// How far elements are turned from a normal that others are turned from as well, degrees: so far that an interface
+/// which is nearly plane has one, wherever between the normals it lies. Nine in 3-D leave no direction farther.
+constexpr double kSharedTurn = 36;
 
 template <int Dim>
 using Vec = Eigen::Matrix<double, Dim, 1>;
@@ -151,27 +154,66 @@ bool OrientedMomenta<Dim, T>::has_room(Element element) const {
 }
 
 template <int Dim, class T>
-void OrientedMomenta<Dim, T>::turn(std::vector<T> normals) {
+void OrientedMomenta<Dim, T>::turn(std::vector<T> normals, const std::vector<Element>& active) {
+  if (normals.empty()) return restore_turned({}, {});
+  using Normal = Eigen::Matrix<T, Dim, 1>;
+  const auto normal_at = [&](std::size_t site) { return Eigen::Map<Normal>(normals.data() + Dim * site); };
+  const auto along = [&](std::size_t site, std::size_t k) {
+    return normal_at(site).template cast<double>().dot(options_.normals[k]);
+  };
+  const double near = std::cos(kSharedTurn * std::numbers::pi / 180);
+  std::vector<Element> turned;
+  std::vector<std::size_t> shared(orientations_.size());  // how many are turned from a normal
+  std::vector<char> is_done(sites_, 0);
+  const auto turn_from = [&](std::size_t site, std::size_t k) {
+    if (along(site, k) < 0) normal_at(site) *= T(-1);
+    turned.push_back(static_cast<Element>(k * sites_ + site));
+    is_done[site] = 1;
+    ++shared[k];
+  };
+  for (Element element : active) {
+    const std::size_t site = site_of(element), k = normal_of(element);
+    if (!std::binary_search(turned_.begin(), turned_.end(), element) || is_done[site]) continue;
+    if (std::abs(along(site, k)) < near) normal_at(site) = Eigen::Map<Normal>(turned_normals_.data() + Dim * site);
+    turn_from(site, k);
+  }
+  std::vector<std::size_t> open;
+  for (std::size_t site = 0; site < sites_; ++site)
+    if (!is_done[site] && normal_at(site).squaredNorm() > T(0)) open.push_back(site);
+  // What most are turned from already, then what is near to most of what is left.
+  std::vector<double> votes(orientations_.size());
+  while (!open.empty()) {
+    std::fill(votes.begin(), votes.end(), 0.0);
+    for (std::size_t site : open)
+      for (std::size_t k = 0; k < votes.size(); ++k)
+        if (const double c = along(site, k); std::abs(c) >= near) votes[k] += c * c;
+    for (std::size_t k = 0; k < votes.size(); ++k)
+      if (votes[k] > 0) votes[k] += static_cast<double>(shared[k]) * static_cast<double>(sites_);
+    const auto most = std::max_element(votes.begin(), votes.end());
+    if (*most == 0) break;
+    const auto best = static_cast<std::size_t>(most - votes.begin());
+    std::erase_if(open, [&](std::size_t site) {
+      const bool is_near = std::abs(along(site, best)) >= near;
+      if (is_near) turn_from(site, best);
+      return is_near;
+    });
+  }
+  for (std::size_t site : open) {  // only where the normals are few
+    std::size_t nearest = 0;
+    for (std::size_t k = 1; k < votes.size(); ++k)
+      if (std::abs(along(site, k)) > std::abs(along(site, nearest))) nearest = k;
+    turn_from(site, nearest);
+  }
+  std::sort(turned.begin(), turned.end());
+  restore_turned(std::move(normals), std::move(turned));
+}
+
+template <int Dim, class T>
+void OrientedMomenta<Dim, T>::restore_turned(std::vector<T> normals, std::vector<Element> turned) {
   ++turns_;
   turned_normals_ = std::move(normals);
-  turned_.clear();
+  turned_ = std::move(turned);
   candidates_.clear();
-  if (turned_normals_.empty()) return;
-  for (std::size_t site = 0; site < sites_; ++site) {
-    Eigen::Map<Eigen::Matrix<T, Dim, 1>> n(turned_normals_.data() + Dim * site);
-    if (n.squaredNorm() == T(0)) continue;
-    double most = 0;
-    std::size_t nearest = 0;
-    for (std::size_t k = 0; k < orientations_.size(); ++k) {
-      const double along = n.template cast<double>().dot(options_.normals[k]);
-      if (std::abs(along) <= std::abs(most)) continue;
-      most = along;
-      nearest = k;
-    }
-    if (most < 0) n = -n;
-    turned_.push_back(static_cast<Element>(nearest * sites_ + site));
-  }
-  std::sort(turned_.begin(), turned_.end());
   std::copy_if(turned_.begin(), turned_.end(), std::back_inserter(candidates_), [&](Element e) { return has_room(e); });
 }
 

@@ -47,9 +47,9 @@ std::size_t sites_with_room(const Lattice<Dim>& lattice, double width_mm, int sp
 ///
 /// An *element* is a pair (normal, site), numbered normal * sites + site; only those that a caller lists exist, so
 /// that all costs follow their number. Its momentum lies in its plane, m_e = sum_j c_ej t_ej: it can only slide, and
-/// Dim - 1 values c_ej are stored. It is carried as the Dim corners of a small simplex in its plane, whose middle is
-/// x_e: so the plane turns with the flow and is never told by a derivative across the jump. The simplex's first axis
-/// is t_e1.
+/// Dim - 1 values c_ej are stored. With evolution `carried` it goes as the Dim corners of a small simplex in its plane,
+/// whose middle is x_e: so the plane turns with the flow and is never told by a derivative across the jump. The
+/// simplex's first axis is t_e1.
 ///
 /// Not for concurrent use: holds scratch memory. Threads inside (OpenMP); results do not depend on their number. What
 /// visits the sites around elements is in oriented_synthesis.cpp and transported_synthesis.cpp.
@@ -70,9 +70,13 @@ class OrientedMomenta {
   std::size_t site_of(Element element) const { return element % sites_; }
   std::size_t normal_of(Element element) const { return element / sites_; }
 
-  /// Turns elements: at each site the one whose normal is nearest to `normals` there (Dim values a site, unit or 0 for
-  /// none, either sign) has that normal from now on, by the least rotation. All others have those of the options.
-  void turn(std::vector<T> normals);
+  /// Turns elements: at each site one has the normal that `normals` says (Dim values a site, unit or 0 for none, either
+  /// sign) from now on, by the least rotation. It is one whose own normal is near, the same for as many sites as can
+  /// be, since the penalty knows no pairs of two normals. `active` elements (rising) that are turned remain the ones of
+  /// their sites, and keep their normal where there is no new one that is near. All others have those of the options.
+  void turn(std::vector<T> normals, const std::vector<Element>& active = {});
+  /// Puts back what `turned_normals` and `turned` said.
+  void restore_turned(std::vector<T> normals, std::vector<Element> turned);
   /// How often that was done.
   std::size_t turns() const { return turns_; }
   /// The elements that were turned, rising.
@@ -80,7 +84,7 @@ class OrientedMomenta {
   /// Those of them that have room: at sites that are multiples of the spacing along all axes but the steepest of the
   /// options' normal, so that neighbours agree which that is.
   const std::vector<Element>& candidates() const { return candidates_; }
-  /// What `turn` was given, with signs as they are used; empty before.
+  /// Of the elements that were turned, by site, with signs as they are used; empty before.
   const std::vector<T>& turned_normals() const { return turned_normals_; }
 
   /// The axis along which a plane with this normal of the options is left in the fewest sites.
@@ -107,19 +111,20 @@ class OrientedMomenta {
   /// As MomentumScale::first_order_stiffness: a_1 V c, the same for all normals where samples are cubes.
   double stiffness(std::size_t normal) const;
 
-  // Elements that a flow has transported as momenta, not as things (evolution `exact`, see element_transport.h). Their
-  // kernel stays turned as it was at time 0. Those in `elements` have the momenta `at_start` there; who has none costs
-  // little.
+  // Elements that a flow has transported as momenta, not as things (all evolutions but `carried`, see
+  // element_transport.h). Their kernel stays turned as it was at time 0, when they had the momenta `at_start`: those
+  // that had none make nothing.
 
   /// velocity += a_1 V sum over e of m_0 P + sigma m_1 (N . grad) P at x - at, P the product of averaged values.
   void add_transported(const std::vector<Element>& elements, const std::vector<TransportedElement<Dim, T>>& transported,
                        const T* at_start, T* velocity) const;
-  /// Its transpose and derivative: duals of m_0, m_1 and, where the momentum is not 0, of N and the position.
+  /// Its transpose and derivative: duals of m_0 and m_1 and, if it `moves` and had a momentum, of N and the position.
   void add_transported_adjoint(const std::vector<Element>& elements,
                                const std::vector<TransportedElement<Dim, T>>& transported, const T* at_start,
-                               const T* velocity_dual, std::vector<TransportedElement<Dim, T>>& duals) const;
-  /// Sum over normals of 1/2 (rho | K_n rho), where K_n is turned as the options' normal n: at time 0 the penalty.
-  /// For tests and reports: takes the square of the number of elements.
+                               const T* velocity_dual, bool moves,
+                               std::vector<TransportedElement<Dim, T>>& duals) const;
+  /// Sum over normals of 1/2 (rho | K_n rho), where K_n is turned as the options' normal n: of elements that are not
+  /// turned, at time 0 the penalty. For tests: takes the square of the number of elements.
   double energy(const std::vector<Element>& elements, const std::vector<TransportedElement<Dim, T>>& transported) const;
 
   using Placement = ElementPlacement<Dim, T>;
@@ -146,6 +151,9 @@ class OrientedMomenta {
     Eigen::Matrix<T, Dim, 1> pulled, force;
     Eigen::Matrix<T, Dim, Dim> turning;
   };
+  template <bool Moves>
+  TransportedElement<Dim, T> transported_dual(const Orientation& orientation,
+                                              const TransportedElement<Dim, T>& one) const;
   template <bool Moves>
   Pull pull(const Orientation& orientation, const Placement& place, const Eigen::Matrix<T, Dim, 1>& vector) const;
 

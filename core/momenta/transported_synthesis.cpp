@@ -87,60 +87,69 @@ void OrientedMomenta<Dim, T>::add_transported(const std::vector<Element>& elemen
   }
 }
 
+/// Duals of what one element is, from that of the velocity in `by_component_`; of N and the position if it `Moves`.
+template <int Dim, class T>
+template <bool Moves>
+TransportedElement<Dim, T> OrientedMomenta<Dim, T>::transported_dual(const Orientation& orientation,
+                                                                     const TransportedElement<Dim, T>& one) const {
+  using Column = Eigen::Matrix<T, Dim, 1>;
+  const PaddedField<Dim, T> dual(options_.lattice, by_component_);
+  const T factor = static_cast<T>(options_.weight * options_.lattice.cell_volume());
+  const T per_sigma = static_cast<T>(1 / options_.width_mm);
+  const Column along = one.place.axes * one.derivative, first = factor * one.first, zeroth = factor * one.zeroth;
+  AveragedWendland<T> p[Dim];
+  std::copy_n(orientation.profiles, Dim, p);
+  Register<T> to_first[Dim] = {}, to_zeroth[Dim] = {}, to_along[Dim] = {}, force[Dim] = {};
+  visit_lanes<Dim, T>(options_.lattice, orientation.reaches(), one.place, 0, options_.lattice.size[Dim - 1],
+                      [&](std::size_t at, const Register<T>* r) {
+                        const Shapes<Dim, T> shapes(p, r);
+                        Register<T> derived{}, of_first{}, of_zeroth{};
+                        for (int k = 0; k < Dim; ++k) derived += along[k] * shapes.slope[k] * shapes.others(k);
+                        const Register<T> whole = shapes.others(-1);
+                        for (int a = 0; a < Dim; ++a) {
+                          const Register<T> d = load<T>(dual.component(a) + at);
+                          to_first[a] += derived * d;
+                          to_zeroth[a] += whole * d;
+                          of_first += first[a] * d;
+                          of_zeroth += zeroth[a] * d;
+                        }
+                        for (int k = 0; Moves && k < Dim; ++k) {
+                          const Register<T> others = shapes.others(k);
+                          to_along[k] += of_first * shapes.slope[k] * others;
+                          Register<T> bend =
+                              along[k] * p[k].slope_scale * p[k].slope_shape_derivative(shapes.ends[k]) * others;
+                          for (int j = 0; j < Dim; ++j)
+                            if (j != k)
+                              bend += along[j] * per_sigma * shapes.slope[j] * shapes.slope[k] * shapes.others(j, k);
+                          force[k] += of_first * bend + of_zeroth * (per_sigma * shapes.slope[k] * others);
+                        }
+                      });
+  TransportedElement<Dim, T> out{};
+  Column of_along, of_place;
+  for (int a = 0; a < Dim; ++a) {
+    out.first[a] = factor * sum_of<T>(to_first[a]);
+    out.zeroth[a] = factor * sum_of<T>(to_zeroth[a]);
+    of_along[a] = sum_of<T>(to_along[a]);
+    of_place[a] = -sum_of<T>(force[a]);
+  }
+  out.derivative = one.place.axes.transpose() * of_along;
+  out.place.at = one.place.axes.transpose() * of_place;
+  return out;
+}
+
 template <int Dim, class T>
 void OrientedMomenta<Dim, T>::add_transported_adjoint(const std::vector<Element>& elements,
                                                       const std::vector<TransportedElement<Dim, T>>& transported,
-                                                      const T* at_start, const T* velocity_dual,
+                                                      const T* at_start, const T* velocity_dual, bool moves,
                                                       std::vector<TransportedElement<Dim, T>>& duals) const {
   if (elements.empty()) return;
-  using Column = Eigen::Matrix<T, Dim, 1>;
-  PaddedField<Dim, T> dual(options_.lattice, by_component_);
-  dual.assign(velocity_dual);
-  const T factor = static_cast<T>(options_.weight * options_.lattice.cell_volume());
+  PaddedField<Dim, T>(options_.lattice, by_component_).assign(velocity_dual);
 #pragma omp parallel for schedule(dynamic, 16)
   for (std::size_t e = 0; e < elements.size(); ++e) {
-    const TransportedElement<Dim, T>& one = transported[e];
     const Orientation& orientation = orientations_[normal_of(elements[e])];
-    const Column along = one.place.axes * one.derivative, first = factor * one.first, zeroth = factor * one.zeroth;
-    const T per_sigma = static_cast<T>(1 / options_.width_mm);
-    AveragedWendland<T> p[Dim];
-    std::copy_n(orientation.profiles, Dim, p);
-    Register<T> to_first[Dim] = {}, to_zeroth[Dim] = {}, to_along[Dim] = {}, force[Dim] = {};
-    visit_lanes<Dim, T>(options_.lattice, orientation.reaches(), one.place, 0, options_.lattice.size[Dim - 1],
-                        [&](std::size_t at, const Register<T>* r) {
-                          const Shapes<Dim, T> shapes(p, r);
-                          Register<T> derived{}, of_first{}, of_zeroth{};
-                          for (int k = 0; k < Dim; ++k) derived += along[k] * shapes.slope[k] * shapes.others(k);
-                          const Register<T> whole = shapes.others(-1);
-                          for (int a = 0; a < Dim; ++a) {
-                            const Register<T> d = load<T>(dual.component(a) + at);
-                            to_first[a] += derived * d;
-                            to_zeroth[a] += whole * d;
-                            of_first += first[a] * d;
-                            of_zeroth += zeroth[a] * d;
-                          }
-                          for (int k = 0; k < Dim; ++k) {
-                            const Register<T> others = shapes.others(k);
-                            to_along[k] += of_first * shapes.slope[k] * others;
-                            Register<T> bend =
-                                along[k] * p[k].slope_scale * p[k].slope_shape_derivative(shapes.ends[k]) * others;
-                            for (int j = 0; j < Dim; ++j)
-                              if (j != k)
-                                bend += along[j] * per_sigma * shapes.slope[j] * shapes.slope[k] * shapes.others(j, k);
-                            force[k] += of_first * bend + of_zeroth * (per_sigma * shapes.slope[k] * others);
-                          }
-                        });
-    TransportedElement<Dim, T>& out = duals[e];
-    Column of_along, of_place;
-    for (int a = 0; a < Dim; ++a) {
-      out.first[a] = factor * sum_of<T>(to_first[a]);
-      out.zeroth[a] = factor * sum_of<T>(to_zeroth[a]);
-      of_along[a] = sum_of<T>(to_along[a]);
-      of_place[a] = -sum_of<T>(force[a]);
-    }
-    if (is_idle<Dim, T>(at_start + kComponents * e)) of_along.setZero(), of_place.setZero();
-    out.derivative = one.place.axes.transpose() * of_along;
-    out.place.at = one.place.axes.transpose() * of_place;
+    duals[e] = moves && !is_idle<Dim, T>(at_start + kComponents * e)
+                   ? transported_dual<true>(orientation, transported[e])
+                   : transported_dual<false>(orientation, transported[e]);
   }
 }
 
@@ -192,13 +201,13 @@ double OrientedMomenta<Dim, T>::energy(const std::vector<Element>& elements,
          });
 }
 
-#define SALTUS_OF_TRANSPORTED(Dim, T)                                                                   \
-  template void OrientedMomenta<Dim, T>::add_transported(                                               \
-      const std::vector<Element>&, const std::vector<TransportedElement<Dim, T>>&, const T*, T*) const; \
-  template void OrientedMomenta<Dim, T>::add_transported_adjoint(                                       \
-      const std::vector<Element>&, const std::vector<TransportedElement<Dim, T>>&, const T*, const T*,  \
-      std::vector<TransportedElement<Dim, T>>&) const;                                                  \
-  template double OrientedMomenta<Dim, T>::energy(const std::vector<Element>&,                          \
+#define SALTUS_OF_TRANSPORTED(Dim, T)                                                                        \
+  template void OrientedMomenta<Dim, T>::add_transported(                                                    \
+      const std::vector<Element>&, const std::vector<TransportedElement<Dim, T>>&, const T*, T*) const;      \
+  template void OrientedMomenta<Dim, T>::add_transported_adjoint(                                            \
+      const std::vector<Element>&, const std::vector<TransportedElement<Dim, T>>&, const T*, const T*, bool, \
+      std::vector<TransportedElement<Dim, T>>&) const;                                                       \
+  template double OrientedMomenta<Dim, T>::energy(const std::vector<Element>&,                               \
                                                   const std::vector<TransportedElement<Dim, T>>&) const;
 SALTUS_OF_TRANSPORTED(2, float)
 SALTUS_OF_TRANSPORTED(3, float)

@@ -15,7 +15,7 @@ namespace {
 
 constexpr char kMagic[8] = {'S', 'A', 'L', 'T', 'U', 'S', 'C', 'P'};
 /// To be raised with every change of what is stored or of what is computed from it.
-constexpr std::uint32_t kVersion = 17;
+constexpr std::uint32_t kVersion = 18;
 
 struct Header {
   char magic[8];
@@ -153,6 +153,7 @@ void transfer(Stream& stream, State& at) {
   stream.list(at.active_blocks, [](auto& s, auto& blocks) { s(blocks); });
   stream.list(at.active_elements, [](auto& s, auto& elements) { s(elements); });
   stream.list(at.turned_normals, [](auto& s, auto& normals) { s(normals); });
+  stream.list(at.turned_elements, [](auto& s, auto& elements) { s(elements); });
   stream(at.minimiser.x);
   stream(at.minimiser.gradient);
   stream(at.minimiser.preconditioned);

@@ -42,6 +42,7 @@ struct Checkpoint {
   std::vector<std::vector<std::uint32_t>> active_blocks;    ///< that the minimiser's unknowns are of
   std::vector<std::vector<std::uint32_t>> active_elements;  ///< the same of oriented momenta
   std::vector<std::vector<float>> turned_normals;           ///< of the oriented momenta in this round, by scale
+  std::vector<std::vector<std::uint32_t>> turned_elements;  ///< that have them
   MinimiserState<float> minimiser;
   std::vector<LevelSummary> levels;      ///< that have ended
   std::vector<IterationRecord> history;  ///< until now

@@ -228,7 +228,7 @@ void PyramidRun<Dim>::run_rounds() {
     for (std::size_t round = is_resumed_ ? level_.rounds - 1 : 0; round < rounds_.size(); ++round) {
       if (is_resumed_) {
         objective_->working_set().restore_weights(rounds_[round], reached_.sparsity_factors);
-        objective_->working_set().restore_turned_normals(reached_.turned_normals);
+        objective_->working_set().restore_turned(reached_.turned_normals, reached_.turned_elements);
         is_resumed_ = false;
       } else {
         if (round == 1 && decides_ && !first_orders_are_worth_it()) break;
@@ -419,6 +419,7 @@ void PyramidRun<Dim>::make_checkpoint(std::ostream& out) {
   reached_.active_blocks = objective_->working_set().active_blocks();
   reached_.active_elements = objective_->working_set().active_elements();
   reached_.turned_normals = objective_->working_set().turned_normals();
+  reached_.turned_elements = objective_->working_set().turned_elements();
   reached_.levels = summary_.levels;
   reached_.history = summary_.history;
   reached_.seconds = seconds_before_ + whole_.seconds();
@@ -427,6 +428,7 @@ void PyramidRun<Dim>::make_checkpoint(std::ostream& out) {
   // Copies of what the objective has; the next one takes them anew.
   reached_.sparsity_factors.clear();
   reached_.turned_normals.clear();
+  reached_.turned_elements.clear();
 }
 
 template <int Dim>

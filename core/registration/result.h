@@ -77,7 +77,8 @@ struct RegistrationSummary {
   double similarity_after = 0;
   double seconds = 0;
   double cpu_seconds = 0;
-  double hamiltonian_drift = 0;  ///< max |H(t) - H(0)| / H(0) along the geodesic; -1: several kernels, H is no invariant
+  double hamiltonian_drift =
+      0;  ///< max |H(t) - H(0)| / H(0) along the geodesic; -1: several kernels, H is no invariant
   double active_first_order_share = 0;  ///< share of first-order sites with a non-zero momentum
   double inverse_consistency_mm = 0;    ///< median |psi(phi(y)) - y|
   double min_jacobian = 0;

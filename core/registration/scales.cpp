@@ -111,6 +111,7 @@ RegistrationOptions resolved(const RegistrationOptions& options, const Lattice<D
   settle(o.momenta.first_order_gain, o.momenta.first_order_finest_gain, least.gain, least.finest_gain);
   settle(o.momenta.first_order_shear, o.momenta.first_order_finest_shear, least.shear, least.finest_shear);
   if (o.momenta.orientations < 0) {
+    // With the other evolutions they are worth little (core/README.md, "Slip at any orientation").
     const bool can = o.momenta.first_order_scales > 0 && o.model != Model::Directional && o.momenta.sparsity > 0 &&
                      o.flow.evolution == Evolution::Carried;
     o.momenta.orientations = can ? (Dim == 2 ? 8 : 9) : 0;

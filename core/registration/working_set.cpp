@@ -320,7 +320,8 @@ void WorkingSet<Dim, T>::turn(const InterfaceNormals<Dim, T>& interface) {
   }
   const bool turns = has_elements || oblique_share_ >= least_oblique_share_;
   for (std::size_t s = 0; s < oriented_.size(); ++s)
-    if (oriented_[s].momenta) oriented_[s].momenta->turn(turns ? std::move(found[s].values) : std::vector<T>());
+    if (oriented_[s].momenta)
+      oriented_[s].momenta->turn(turns ? std::move(found[s].values) : std::vector<T>(), oriented_[s].active);
 }
 
 template <int Dim, class T>
@@ -333,15 +334,28 @@ std::vector<std::vector<float>> WorkingSet<Dim, T>::turned_normals() const {
 }
 
 template <int Dim, class T>
-void WorkingSet<Dim, T>::restore_turned_normals(const std::vector<std::vector<float>>& normals) {
-  bool fits = normals.size() == oriented_.size();
-  for (std::size_t s = 0; fits && s < normals.size(); ++s)
-    fits = normals[s].empty() || (oriented_[s].momenta && normals[s].size() == scales_[s]->field_size());
+std::vector<std::vector<std::uint32_t>> WorkingSet<Dim, T>::turned_elements() const {
+  std::vector<std::vector<std::uint32_t>> elements(oriented_.size());
+  for (std::size_t s = 0; s < oriented_.size(); ++s)
+    if (oriented_[s].momenta) elements[s] = oriented_[s].momenta->turned();
+  return elements;
+}
+
+template <int Dim, class T>
+void WorkingSet<Dim, T>::restore_turned(const std::vector<std::vector<float>>& normals,
+                                        const std::vector<std::vector<std::uint32_t>>& elements) {
+  bool fits = normals.size() == oriented_.size() && elements.size() == oriented_.size();
+  for (std::size_t s = 0; fits && s < normals.size(); ++s) {
+    const auto* momenta = oriented_[s].momenta;
+    fits = normals[s].empty() ? elements[s].empty() : momenta && normals[s].size() == scales_[s]->field_size();
+    fits = fits && std::is_sorted(elements[s].begin(), elements[s].end()) &&
+           (elements[s].empty() || elements[s].back() < momenta->elements());
+  }
   if (!fits)
     throw InvalidInput("the turned normals are those of " + std::to_string(normals.size()) + " scales for " +
                        std::to_string(oriented_.size()) + ", or of other lattices");
   for (std::size_t s = 0; s < normals.size(); ++s)
-    if (oriented_[s].momenta) oriented_[s].momenta->turn({normals[s].begin(), normals[s].end()});
+    if (oriented_[s].momenta) oriented_[s].momenta->restore_turned({normals[s].begin(), normals[s].end()}, elements[s]);
 }
 
 template class WorkingSet<2, float>;

@@ -86,9 +86,12 @@ class WorkingSet {
   void want_oblique(double share) { least_oblique_share_ = share; }
   /// The largest oblique share of a scale at the last `turn`, see InterfaceNormals; 0 before.
   double oblique_share() const { return oblique_share_; }
-  /// The normals of `turn`, by scale, and putting them back. Throws InvalidInput when they do not fit.
+  /// The normals of `turn` and the elements that have them, by scale, and putting both back. Throws InvalidInput when
+  /// they do not fit.
   std::vector<std::vector<float>> turned_normals() const;
-  void restore_turned_normals(const std::vector<std::vector<float>>& normals);
+  std::vector<std::vector<std::uint32_t>> turned_elements() const;
+  void restore_turned(const std::vector<std::vector<float>>& normals,
+                      const std::vector<std::vector<std::uint32_t>>& elements);
 
   /// Leave out component i of m_i: such a momentum can only shear (no gradient, so it stays 0).
   void keep_shear_only() { shear_only_ = true; }

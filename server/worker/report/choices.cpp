@@ -43,7 +43,7 @@ std::string measured_from(const std::string& name, const ReportInput<Dim>& input
                ? "2-D images are registered at full resolution"
                : "from the preset " + to_string(input.options->preset) +
                      " for 3-D images (fast at most 2 with voxels of 4 mm, balanced at most 1 with 3 mm, accurate 0)";
-  if (name == "orientations") return "8 in 2-D and 9 in 3-D, where the other parameters allow for them";
+  if (name == "orientations") return "8 in 2-D and 9 in 3-D, where first orders are along the axes, sparse and carried";
   if (name == "width_voxels") {
     const auto [zeroth, first] = scales_of_one_width(input.result->options);
     return std::string(zeroth && first ? "of all scales"

@@ -102,11 +102,12 @@ TEST(SpreadNormals, AreUnitVectorsFarFromEachOtherWithTheAxesFirst) {
   };
   check(spread_normals<2>(4), 4, 45);
   check(spread_normals<2>(8), 8, 22.5);
+  check(spread_normals<3>(3), 3, 90);
   check(spread_normals<3>(9), 9, 45);
   check(spread_normals<3>(13), 13, 35.2);
   EXPECT_TRUE(spread_normals<2>(0).empty());
   for (int count : {1, 9, 13}) EXPECT_THROW(spread_normals<2>(count), InvalidInput) << count;
-  for (int count : {3, 4, 8, 12}) EXPECT_THROW(spread_normals<3>(count), InvalidInput) << count;
+  for (int count : {4, 8, 12}) EXPECT_THROW(spread_normals<3>(count), InvalidInput) << count;
 }
 
 template <int Dim>
@@ -437,6 +438,86 @@ TEST(OrientedMomenta, JumpByTheSameAtEveryAngle) {
 TEST(OrientedMomenta, RefuseNormalsThatAreNone) {
   EXPECT_THROW((OrientedMomenta<2, float>({small_lattice<2>(), {Vec<2>(1, 1)}, 3.0, 1.0})), InvalidInput);
   EXPECT_THROW((OrientedMomenta<2, float>({small_lattice<2>(), spread_normals<2>(8), 3.0, 1.0, 0})), InvalidInput);
+}
+
+/// Normals at every second site that stray from an angle by up to `stray`, degrees.
+std::vector<double> straying_normals(const Lattice<2>& lattice, double degrees, double stray, int seed) {
+  const std::vector<double> off = testing::random_values(lattice.sites(), static_cast<std::uint64_t>(seed), stray);
+  std::vector<double> normals(2 * lattice.sites(), 0.0);
+  for (std::size_t site = 0; site < lattice.sites(); site += 2) {
+    const double angle = (degrees + off[site]) * M_PI / 180, sign = site % 4 == 0 ? 1 : -1;
+    normals[2 * site] = sign * std::cos(angle);
+    normals[2 * site + 1] = sign * std::sin(angle);
+  }
+  return normals;
+}
+
+template <class Momenta>
+std::vector<std::size_t> normals_in_use(const Momenta& momenta) {
+  std::vector<std::size_t> found;
+  for (std::uint32_t element : momenta.turned()) found.push_back(momenta.normal_of(element));
+  std::sort(found.begin(), found.end());
+  found.erase(std::unique(found.begin(), found.end()), found.end());
+  return found;
+}
+
+// The penalty knows no pairs of two normals: an interface that is nearly plane has one, also where two are as near.
+TEST(OrientedMomenta, AreTurnedFromAsFewNormalsAsCanBe) {
+  auto momenta = small_momenta<2>();
+  const Lattice<2>& lattice = momenta.lattice();
+  for (double degrees : {11.25, 40.0, 78.0}) {
+    momenta.turn(straying_normals(lattice, degrees, 8, 1));
+    EXPECT_EQ(momenta.turned().size(), (lattice.sites() + 1) / 2);
+    EXPECT_EQ(normals_in_use(momenta).size(), 1u) << degrees;
+  }
+  std::vector<double> both = straying_normals(lattice, 10, 5, 2);
+  const std::vector<double> other = straying_normals(lattice, 100, 5, 3);
+  std::copy(other.begin() + static_cast<long>(lattice.sites()), other.end(),
+            both.begin() + static_cast<long>(lattice.sites()));
+  momenta.turn(both);
+  EXPECT_EQ(normals_in_use(momenta).size(), 2u);
+  for (std::uint32_t element : momenta.turned()) {
+    const Vec<2> own = Eigen::Map<const Vec<2>>(momenta.turned_normals().data() + 2 * momenta.site_of(element));
+    EXPECT_GT(own.dot(momenta.options().normals[momenta.normal_of(element)]), std::cos(45 * M_PI / 180));
+  }
+}
+
+// What has a momentum does not turn into another element when the interface is seen to turn, and others follow it.
+TEST(OrientedMomenta, RemainTheSameElementsWhenTurnedAgain) {
+  auto momenta = small_momenta<2>();
+  const Lattice<2>& lattice = momenta.lattice();
+  momenta.turn(straying_normals(lattice, 10, 0, 1));
+  const std::size_t first = normals_in_use(momenta).front();
+  std::vector<std::uint32_t> active;
+  for (std::size_t i = 0; i < momenta.turned().size(); i += 5) active.push_back(momenta.turned()[i]);
+  const std::size_t lost = momenta.site_of(active.front());
+  const Vec<2> before = Eigen::Map<const Vec<2>>(momenta.turned_normals().data() + 2 * lost);
+  std::vector<double> normals = straying_normals(lattice, 35, 0, 1);
+  normals[2 * lost] = normals[2 * lost + 1] = 0;  // nothing is seen there any more
+  const std::size_t across = momenta.site_of(active.back());
+  const Vec<2> kept = Eigen::Map<const Vec<2>>(momenta.turned_normals().data() + 2 * across);
+  normals[2 * across] = std::cos(100 * M_PI / 180);  // nor anything near
+  normals[2 * across + 1] = std::sin(100 * M_PI / 180);
+  auto anew = small_momenta<2>();
+  anew.turn(normals);
+  EXPECT_NE(normals_in_use(anew), std::vector<std::size_t>{first});
+
+  momenta.turn(normals, active);
+  EXPECT_EQ(normals_in_use(momenta), std::vector<std::size_t>{first});
+  EXPECT_TRUE(std::includes(momenta.turned().begin(), momenta.turned().end(), active.begin(), active.end()));
+  EXPECT_EQ((Eigen::Map<const Vec<2>>(momenta.turned_normals().data() + 2 * lost)), before);
+  EXPECT_EQ((Eigen::Map<const Vec<2>>(momenta.turned_normals().data() + 2 * across)), kept);
+  const Vec<2> turned = Eigen::Map<const Vec<2>>(momenta.turned_normals().data() + 2 * momenta.site_of(active[1]));
+  EXPECT_NEAR(turned.dot(Vec<2>(std::cos(35 * M_PI / 180), std::sin(35 * M_PI / 180))), 1, 1e-12);
+
+  // As it was, without asking again.
+  anew.restore_turned(momenta.turned_normals(), momenta.turned());
+  EXPECT_EQ(anew.turned(), momenta.turned());
+  EXPECT_EQ(anew.candidates(), momenta.candidates());
+  std::vector<double> corners, restored;
+  momenta.place(momenta.turned(), corners);
+  anew.place(momenta.turned(), restored);
+  EXPECT_EQ(restored, corners);
 }
 
 }  // namespace

@@ -134,7 +134,7 @@ TEST(AutoModel, OrientsMomentaWhereTheInterfaceIsOblique) {
   }
 }
 
-TEST(AutoModel, HasNoOrientedMomentaWhereTheyCannotBe) {
+TEST(AutoModel, HasOrientedMomentaOnlyWhereTheyAreCarried) {
   RegistrationOptions options = default_options(Model::Auto, SimilarityType::Ssd, Preset::Balanced);
   const Lattice<2> plane{{128, 128}, {1, 1}, {}};
   const Lattice<3> cube{{128, 128, 128}, {1, 1, 1}, {}};

@@ -52,9 +52,9 @@ class Numbers {
          settled_at);
   }
   void operator()(Checkpoint& checkpoint) {
-    auto& [step, level, start, reference, factors, blocks, elements, normals, minimiser, levels, history, seconds,
+    auto& [step, level, start, reference, factors, blocks, elements, normals, turned, minimiser, levels, history, seconds,
            cpu_seconds] = checkpoint;
-    fill(step, level, start, reference, factors, blocks, elements, normals, minimiser, levels, history, seconds,
+    fill(step, level, start, reference, factors, blocks, elements, normals, turned, minimiser, levels, history, seconds,
          cpu_seconds);
   }
 
@@ -95,6 +95,7 @@ TEST(CheckpointFields, AllSurviveBeingStored) {
   EXPECT_EQ(read.active_blocks, stored.active_blocks);
   EXPECT_EQ(read.active_elements, stored.active_elements);
   EXPECT_EQ(read.turned_normals, stored.turned_normals);
+  EXPECT_EQ(read.turned_elements, stored.turned_elements);
   EXPECT_EQ(read.seconds, stored.seconds);
   EXPECT_EQ(read.cpu_seconds, stored.cpu_seconds);
 

@@ -461,9 +461,6 @@ TEST(OrientedModel, IsRefusedWhereItMeansNothing) {
   options.momenta.sparsity = 0;
   EXPECT_TRUE(is_refused(options));
   options = oriented_options();
-  options.flow.evolution = Evolution::Exact;
-  EXPECT_TRUE(is_refused(options));
-  options = oriented_options();
   options.momenta.first_order_scales = 0;
   EXPECT_TRUE(is_refused(options));
   const Slip slip;
