@@ -373,7 +373,7 @@ TEST(OrientedModel, TellsWhatShareHasJoined) {
     }
     return most;
   };
-  for (const auto [of_elements, of_blocks] : {std::pair{5, 1000}, std::pair{1000, 4}}) {
+  for (const auto& [of_elements, of_blocks] : {std::pair{5, 1000}, std::pair{1000, 4}}) {
     auto objective = settled.make();
     const auto elements = thinned(first.working_set().active_elements(), of_elements),
                blocks = thinned(first.working_set().active_blocks(), of_blocks);
