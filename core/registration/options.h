@@ -74,7 +74,7 @@ struct RegistrationOptions {
     int orientations = 0;            ///< normals that oriented momenta are turned from; 0: there are none of these; -1:
                                      ///< 8 in 2-D and 9 in 3-D, none where there can be none
     double oblique_share = 0;        ///< of an interface must be oblique for oriented momenta to begin
-    double oriented_sparsity = 0.5;  ///< lambda of oriented momenta, as a share of `sparsity`
+    double oriented_sparsity = 0.4;  ///< lambda of oriented momenta, as a share of `sparsity`
     bool first_order_waits = false;  ///< on each level order 0 settles before first-order momenta appear
     bool shear_only = false;         ///< drop component i of m_i, so that a jump can only slide
   } momenta;
