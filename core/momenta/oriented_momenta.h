@@ -71,9 +71,10 @@ class OrientedMomenta {
   std::size_t normal_of(Element element) const { return element / sites_; }
 
   /// Turns elements: at each site one has the normal that `normals` says (Dim values a site, unit or 0 for none, either
-  /// sign) from now on, by the least rotation. It is one whose own normal is near, the same for as many sites as can
-  /// be, since the penalty knows no pairs of two normals. `active` elements (rising) that are turned remain the ones of
-  /// their sites, and keep their normal where there is no new one that is near. All others have those of the options.
+  /// sign) from now on, by the least rotation. It is one whose own normal is near (the nearest where none is), and few
+  /// of these serve many sites, since the penalty knows no pairs of two normals. `active` elements (rising) that are
+  /// turned remain the ones of their sites, and keep their normal where the new one is none or far from it. All others
+  /// have those of the options.
   void turn(std::vector<T> normals, const std::vector<Element>& active = {});
   /// Puts back what `turned_normals` and `turned` said.
   void restore_turned(std::vector<T> normals, std::vector<Element> turned);

@@ -251,6 +251,7 @@ void PyramidRun<Dim>::begin_round(std::size_t round) {
   reached_.active_elements = objective_->working_set().active_elements();
   make_objective(rounds_[round]);
   objective_->weigh(rounds_[round], momenta);
+  level_.oblique_share = objective_->working_set().oblique_share();
   reached_.minimiser = MinimiserState<Scalar>(std::move(momenta));
 }
 
@@ -324,7 +325,6 @@ void PyramidRun<Dim>::end_level() {
   reached_.active_blocks = objective_->working_set().active_blocks();
   reached_.active_elements = objective_->working_set().active_elements();
   level_.active_block_share = objective_->working_set().active_block_share();
-  level_.oblique_share = objective_->working_set().oblique_share();
   for (const auto& elements : reached_.active_elements) level_.oriented_elements += static_cast<int>(elements.size());
   objective_->on_work({});  // who wanted to stop is not asked again
   if (options_.flow.map_tolerance > 0 && level_.termination != Termination::Stopped) choose_map_steps();

@@ -348,12 +348,23 @@ void WorkingSet<Dim, T>::restore_turned(const std::vector<std::vector<float>>& n
   for (std::size_t s = 0; fits && s < normals.size(); ++s) {
     const auto* momenta = oriented_[s].momenta;
     fits = normals[s].empty() ? elements[s].empty() : momenta && normals[s].size() == scales_[s]->field_size();
-    fits = fits && std::is_sorted(elements[s].begin(), elements[s].end()) &&
-           (elements[s].empty() || elements[s].back() < momenta->elements());
+    if (!fits || elements[s].empty()) continue;
+    std::vector<char> has_one(momenta->lattice().sites(), 0);
+    fits = elements[s].back() < momenta->elements() &&
+           std::adjacent_find(elements[s].begin(), elements[s].end(), std::greater_equal<>()) == elements[s].end();
+    for (std::size_t i = 0; fits && i < elements[s].size(); ++i) {
+      const std::size_t site = momenta->site_of(elements[s][i]);
+      const Eigen::Map<const Eigen::Matrix<float, Dim, 1>> n(normals[s].data() + Dim * site);
+      const double along =
+          n.template cast<double>().dot(momenta->options().normals[momenta->normal_of(elements[s][i])]);
+      fits = !has_one[site] && std::abs(n.norm() - 1) < 1e-3f && along >= 0;
+      has_one[site] = 1;
+    }
   }
   if (!fits)
-    throw InvalidInput("the turned normals are those of " + std::to_string(normals.size()) + " scales for " +
-                       std::to_string(oriented_.size()) + ", or of other lattices");
+    throw InvalidInput("the turned normals and elements of " + std::to_string(normals.size()) +
+                       " scales do not fit the " + std::to_string(oriented_.size()) +
+                       " scales that there are; start again without them");
   for (std::size_t s = 0; s < normals.size(); ++s)
     if (oriented_[s].momenta) oriented_[s].momenta->restore_turned({normals[s].begin(), normals[s].end()}, elements[s]);
 }

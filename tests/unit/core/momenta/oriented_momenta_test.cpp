@@ -478,13 +478,63 @@ TEST(OrientedMomenta, AreTurnedFromAsFewNormalsAsCanBe) {
   EXPECT_EQ(normals_in_use(momenta).size(), 2u);
   for (std::uint32_t element : momenta.turned()) {
     const Vec<2> own = Eigen::Map<const Vec<2>>(momenta.turned_normals().data() + 2 * momenta.site_of(element));
-    EXPECT_GT(own.dot(momenta.options().normals[momenta.normal_of(element)]), std::cos(45 * M_PI / 180));
+    EXPECT_GT(own.dot(momenta.options().normals[momenta.normal_of(element)]), std::cos(36 * M_PI / 180));
+  }
+}
+
+/// Of elements all around a circle (a sphere in 3-D): the smallest share that the axis along which they are dense has
+/// of what their normal has along any.
+template <int Dim>
+double least_steepness(int count) {
+  Lattice<Dim> cube;
+  cube.size.fill(Dim == 2 ? 40 : 16);
+  cube.spacing.fill(1);
+  OrientedMomenta<Dim, double> momenta({cube, spread_normals<Dim>(count), 3.0, 1.0});
+  const Lattice<Dim>& lattice = momenta.lattice();
+  std::vector<double> normals(Dim * lattice.sites());
+  for (int slab = 0; slab < lattice.size[Dim - 1]; ++slab)
+    visit_slab<Dim>(lattice, slab, [&](const Index<Dim>& index, std::size_t site) {
+      for (int a = 0; a < Dim; ++a) normals[Dim * site + a] = index[a] - lattice.size[a] / 2 + 0.3;
+      Eigen::Map<Vec<Dim>>(normals.data() + Dim * site).normalize();
+    });
+  momenta.turn(normals);
+  EXPECT_EQ(momenta.turned().size(), lattice.sites());
+  double least = 1;
+  for (std::uint32_t element : momenta.turned()) {
+    const Vec<Dim> own = Eigen::Map<const Vec<Dim>>(momenta.turned_normals().data() + Dim * momenta.site_of(element));
+    EXPECT_GT(own.dot(momenta.options().normals[momenta.normal_of(element)]), std::cos(55 * M_PI / 180));
+    const double most = own.cwiseAbs().maxCoeff();
+    least = std::min(least, std::abs(own[momenta.steepest_axis(momenta.normal_of(element))]) / most);
+  }
+  return least;
+}
+
+// Elements lie close along the steepest axis of the normal that they are turned from: it is one of theirs as well.
+TEST(OrientedMomenta, AreTurnedFromNormalsThatAreAsSteep) {
+  EXPECT_GE(least_steepness<2>(4), 0.4);
+  EXPECT_GE(least_steepness<2>(8), 0.4);
+  EXPECT_GE(least_steepness<3>(3), 0.4);
+  EXPECT_GE(least_steepness<3>(9), 0.4);
+  EXPECT_GE(least_steepness<3>(13), 0.4);
+}
+
+// One that has a momentum does not decide for all others.
+TEST(OrientedMomenta, AreNotTurnedAsOneOfThemIs) {
+  auto momenta = small_momenta<2>();
+  const Lattice<2>& lattice = momenta.lattice();
+  momenta.turn(straying_normals(lattice, 45, 0, 1));
+  const std::vector<std::uint32_t> one = {momenta.turned()[momenta.turned().size() / 2]};
+  momenta.turn(straying_normals(lattice, 80, 0, 1), one);
+  EXPECT_EQ(normals_in_use(momenta).size(), 2u);
+  for (std::uint32_t element : momenta.turned()) {
+    if (element == one.front()) continue;
+    EXPECT_GT(std::abs(momenta.options().normals[momenta.normal_of(element)][1]), 0.9);
   }
 }
 
 // What has a momentum does not turn into another element when the interface is seen to turn, and others follow it.
 TEST(OrientedMomenta, RemainTheSameElementsWhenTurnedAgain) {
-  auto momenta = small_momenta<2>();
+  OrientedMomenta<2, double> momenta({{{40, 30}, {1, 1}, {}}, spread_normals<2>(8), 3.0, 1.0});
   const Lattice<2>& lattice = momenta.lattice();
   momenta.turn(straying_normals(lattice, 10, 0, 1));
   const std::size_t first = normals_in_use(momenta).front();
@@ -492,13 +542,13 @@ TEST(OrientedMomenta, RemainTheSameElementsWhenTurnedAgain) {
   for (std::size_t i = 0; i < momenta.turned().size(); i += 5) active.push_back(momenta.turned()[i]);
   const std::size_t lost = momenta.site_of(active.front());
   const Vec<2> before = Eigen::Map<const Vec<2>>(momenta.turned_normals().data() + 2 * lost);
-  std::vector<double> normals = straying_normals(lattice, 35, 0, 1);
+  std::vector<double> normals = straying_normals(lattice, 28, 0, 1);
   normals[2 * lost] = normals[2 * lost + 1] = 0;  // nothing is seen there any more
   const std::size_t across = momenta.site_of(active.back());
   const Vec<2> kept = Eigen::Map<const Vec<2>>(momenta.turned_normals().data() + 2 * across);
   normals[2 * across] = std::cos(100 * M_PI / 180);  // nor anything near
   normals[2 * across + 1] = std::sin(100 * M_PI / 180);
-  auto anew = small_momenta<2>();
+  OrientedMomenta<2, double> anew(momenta.options());
   anew.turn(normals);
   EXPECT_NE(normals_in_use(anew), std::vector<std::size_t>{first});
 
@@ -508,7 +558,7 @@ TEST(OrientedMomenta, RemainTheSameElementsWhenTurnedAgain) {
   EXPECT_EQ((Eigen::Map<const Vec<2>>(momenta.turned_normals().data() + 2 * lost)), before);
   EXPECT_EQ((Eigen::Map<const Vec<2>>(momenta.turned_normals().data() + 2 * across)), kept);
   const Vec<2> turned = Eigen::Map<const Vec<2>>(momenta.turned_normals().data() + 2 * momenta.site_of(active[1]));
-  EXPECT_NEAR(turned.dot(Vec<2>(std::cos(35 * M_PI / 180), std::sin(35 * M_PI / 180))), 1, 1e-12);
+  EXPECT_NEAR(turned.dot(Vec<2>(std::cos(28 * M_PI / 180), std::sin(28 * M_PI / 180))), 1, 1e-12);
 
   // As it was, without asking again.
   anew.restore_turned(momenta.turned_normals(), momenta.turned());

@@ -107,8 +107,9 @@ void expect_taylor_slope_two(const Case& test) {
   const std::size_t size = objective.size();
   std::vector<double> at = random_values(size, 5, 0.03);
   for (const GroupSparsity& range : objective.sparsity())  // some elements have no momentum yet
-    for (std::size_t i = range.begin; test.orientations > 0 && range.group == Dim - 1 && i < range.end; i += 4)
-      at[i] = 0;
+    for (std::size_t i = range.begin; test.orientations > 0 && range.group == Dim - 1 && i < range.end;
+         i += 4 * (Dim - 1))
+      std::fill_n(at.begin() + static_cast<std::ptrdiff_t>(i), Dim - 1, 0.0);
   std::vector<double> gradient(size), preconditioned(size), ignored(size), ignored_too(size);
   const Evaluation start = objective.evaluate(at, gradient, preconditioned);
   ASSERT_TRUE(start.is_valid);

@@ -451,6 +451,11 @@ TEST(OrientedModel, ResumesWithTheSameEnd) {
     const RegistrationResult<2> resumed =
         register_images<2>(slip.input, options, {}, {.resume = from(blob), .offer = {}});
     EXPECT_EQ(resumed.displacement.samples, whole.displacement.samples) << stop;
+    ASSERT_EQ(resumed.summary.levels.size(), whole.summary.levels.size());
+    for (std::size_t l = 0; l < whole.summary.levels.size(); ++l) {
+      EXPECT_EQ(resumed.summary.levels[l].oblique_share, whole.summary.levels[l].oblique_share) << stop;
+      EXPECT_EQ(resumed.summary.levels[l].oriented_elements, whole.summary.levels[l].oriented_elements) << stop;
+    }
   }
 }
 
