@@ -9,6 +9,10 @@
 #include <cmath>
 #include <vector>
 
+#ifdef _OPENMP
+#include <omp.h>
+#endif
+
 namespace saltus {
 
 // For sources of the core alone (see registers.h): visits of the sites around an element of oriented momenta.
@@ -63,6 +67,19 @@ template <class T>
   T sum = 0;
   for (std::size_t i = 0; i < kRegisterLanes<T>; ++i) sum += lanes[i];
   return sum;
+}
+
+/// Calls visit(begin, end) for ranges of planes of the last axis, one for each thread. A thread that owns its planes
+/// hears of elements in their order, however many threads there are.
+template <class Visit>
+void for_ranges_of_planes(int planes, Visit&& visit) {
+#ifdef _OPENMP
+  const int parts = std::max(1, std::min(planes, omp_get_max_threads()));
+#else
+  const int parts = 1;
+#endif
+#pragma omp parallel for schedule(static, 1) num_threads(parts)
+  for (int part = 0; part < parts; ++part) visit(planes * part / parts, planes * (part + 1) / parts);
 }
 
 /// Calls lanes(at, r) for the sites of the lattice that an element can reach, a register of them side by side along x

@@ -52,7 +52,8 @@ std::size_t sites_with_room(const Lattice<Dim>& lattice, double width_mm, int sp
 /// simplex's first axis is t_e1.
 ///
 /// Not for concurrent use: holds scratch memory. Threads inside (OpenMP); results do not depend on their number. What
-/// visits the sites around elements is in oriented_synthesis.cpp and transported_synthesis.cpp.
+/// visits the sites around elements is in oriented_synthesis.cpp and transported_synthesis.cpp, what turns them in
+/// oriented_turning.cpp.
 template <int Dim, class T>
 class OrientedMomenta {
  public:

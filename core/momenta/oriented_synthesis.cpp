@@ -7,10 +7,6 @@
 #include <algorithm>
 #include <numbers>
 
-#ifdef _OPENMP
-#include <omp.h>
-#endif
-
 // The velocity of elements and its transpose: all that visits the sites around an element.
 
 namespace saltus {
@@ -65,19 +61,10 @@ template <int Dim, class T>
 void OrientedMomenta<Dim, T>::add_velocity(const std::vector<Element>& elements, const T* corners, const T* momenta,
                                            T* velocity) const {
   if (elements.empty()) return;
-  const int planes = options_.lattice.size[Dim - 1];
   PaddedField<Dim, T> sum(options_.lattice, by_component_);
   const T factor = static_cast<T>(options_.weight * options_.lattice.cell_volume());
   sum.clear();
-#ifdef _OPENMP
-  const int parts = std::max(1, std::min(planes, omp_get_max_threads()));
-#else
-  const int parts = 1;
-#endif
-  // A thread owns a range of planes; whatever that is, a site hears of the elements in their order.
-#pragma omp parallel for schedule(static, 1) num_threads(parts)
-  for (int part = 0; part < parts; ++part) {
-    const int begin = planes * part / parts, end = planes * (part + 1) / parts;
+  for_ranges_of_planes(options_.lattice.size[Dim - 1], [&](int begin, int end) {
     for (std::size_t e = 0; e < elements.size(); ++e) {
       const T* c = momenta + kComponents * e;
       if (std::all_of(c, c + kComponents, [](T value) { return value == T(0); })) continue;
@@ -102,7 +89,7 @@ void OrientedMomenta<Dim, T>::add_velocity(const std::vector<Element>& elements,
                           });
     }
     sum.add_to(velocity, begin, end);
-  }
+  });
 }
 
 /// What a dual of the velocity pulls at an element, with shape = product of f_k(r_k) and g = vector . dual: sums over

@@ -4,10 +4,6 @@
 
 #include <algorithm>
 
-#ifdef _OPENMP
-#include <omp.h>
-#endif
-
 // The velocity and the energy of transported elements.
 
 namespace saltus {
@@ -51,19 +47,10 @@ void OrientedMomenta<Dim, T>::add_transported(const std::vector<Element>& elemen
                                               const T* at_start, T* velocity) const {
   if (elements.empty()) return;
   using Column = Eigen::Matrix<T, Dim, 1>;
-  const int planes = options_.lattice.size[Dim - 1];
   PaddedField<Dim, T> sum(options_.lattice, by_component_);
   const T factor = static_cast<T>(options_.weight * options_.lattice.cell_volume());
   sum.clear();
-#ifdef _OPENMP
-  const int parts = std::max(1, std::min(planes, omp_get_max_threads()));
-#else
-  const int parts = 1;
-#endif
-  // As OrientedMomenta::add_velocity: a thread owns a range of planes.
-#pragma omp parallel for schedule(static, 1) num_threads(parts)
-  for (int part = 0; part < parts; ++part) {
-    const int begin = planes * part / parts, end = planes * (part + 1) / parts;
+  for_ranges_of_planes(options_.lattice.size[Dim - 1], [&](int begin, int end) {
     for (std::size_t e = 0; e < elements.size(); ++e) {
       if (is_idle<Dim, T>(at_start + kComponents * e)) continue;
       const TransportedElement<Dim, T>& one = transported[e];
@@ -84,7 +71,7 @@ void OrientedMomenta<Dim, T>::add_transported(const std::vector<Element>& elemen
                           });
     }
     sum.add_to(velocity, begin, end);
-  }
+  });
 }
 
 /// Duals of what one element is, from that of the velocity in `by_component_`; of N and the position if it `Moves`.

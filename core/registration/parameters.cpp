@@ -323,7 +323,8 @@ const std::vector<Parameter>& parameters() {
       integer(
           "orientations", "", -1, 13,
           "normals that oriented momenta are turned from, so that interfaces that are not along an axis can slide: 4 "
-          "or 8 in 2-D, 3, 9 or 13 in 3-D; -1: 8 or 9, where first orders are along the axes, sparse and carried; 0: none",
+          "or 8 in 2-D, 3, 9 or 13 in 3-D; -1: 8 or 9, where first orders are along the axes, sparse and carried; 0: "
+          "none",
           [](O & o) -> auto& { return o.momenta.orientations; }),
       real(
           "oriented_sparsity", "", 0, Lower::Exclusive, 100,

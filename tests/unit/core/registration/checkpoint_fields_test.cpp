@@ -52,8 +52,8 @@ class Numbers {
          settled_at);
   }
   void operator()(Checkpoint& checkpoint) {
-    auto& [step, level, start, reference, factors, blocks, elements, normals, turned, minimiser, levels, history, seconds,
-           cpu_seconds] = checkpoint;
+    auto& [step, level, start, reference, factors, blocks, elements, normals, turned, minimiser, levels, history,
+           seconds, cpu_seconds] = checkpoint;
     fill(step, level, start, reference, factors, blocks, elements, normals, turned, minimiser, levels, history, seconds,
          cpu_seconds);
   }

@@ -459,6 +459,49 @@ TEST(OrientedModel, ResumesWithTheSameEnd) {
   }
 }
 
+// One element is turned from another normal than a new choice would take, as one with a momentum may be.
+TEST(OrientedModel, PutsBackWhatWasTurnedAndNothingElse) {
+  const SettledSlip settled;
+  auto objective = settled.make();
+  settled.begin(objective);
+  auto& set = objective.working_set();
+  const auto normals = set.turned_normals();
+  auto elements = set.turned_elements();
+  std::size_t s = 0;
+  while (s < elements.size() && elements[s].empty()) ++s;
+  ASSERT_LT(s, elements.size());
+  OrientedMomenta<2, double>& momenta = *settled.scales[s]->oriented();
+  const auto sites = static_cast<std::uint32_t>(settled.scales[s]->lattice().sites());
+  const std::uint32_t site = static_cast<std::uint32_t>(momenta.site_of(elements[s].front()));
+  const Eigen::Vector2d n(normals[s][2 * site], normals[s][2 * site + 1]);
+  std::uint32_t other = 0;
+  while (other == momenta.normal_of(elements[s].front()) || momenta.options().normals[other].dot(n) < 0) ++other;
+  elements[s].front() = other * sites + site;
+  std::sort(elements[s].begin(), elements[s].end());
+  set.restore_turned(normals, elements);
+  EXPECT_EQ(momenta.turned(), elements[s]);
+  EXPECT_EQ(set.turned_normals(), normals);
+
+  const auto is_refused = [&](const std::vector<std::uint32_t>& list) {
+    auto changed = elements;
+    changed[s] = list;
+    EXPECT_THROW(set.restore_turned(normals, changed), InvalidInput);
+  };
+  is_refused({elements[s][0], elements[s][0]});
+  is_refused({elements[s][1], elements[s][0]});
+  std::vector<std::uint32_t> both = {site, other * sites + site};
+  for (std::uint32_t k = 0; k * sites + site == both[1] || momenta.options().normals[k].dot(n) < 0; ++k)
+    both[0] = (k + 1) * sites + site;
+  std::sort(both.begin(), both.end());
+  is_refused(both);  // of one site
+  std::uint32_t none = 0;
+  while (normals[s][2 * none] != 0 || normals[s][2 * none + 1] != 0) ++none;
+  is_refused({none});  // that has no normal
+  is_refused({static_cast<std::uint32_t>(momenta.elements())});
+  EXPECT_THROW(set.restore_turned({}, {}), InvalidInput);
+  EXPECT_EQ(momenta.turned(), elements[s]);
+}
+
 TEST(OrientedModel, IsRefusedWhereItMeansNothing) {
   const auto is_refused = [](RegistrationOptions options) { return !problems(options).empty(); };
   EXPECT_FALSE(is_refused(oriented_options()));
