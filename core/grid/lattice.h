@@ -1,6 +1,7 @@
 #pragma once
 
 #include "core/grid/image_grid.h"
+#include "core/support/line_vector.h"
 
 #include <array>
 #include <cstddef>
@@ -39,9 +40,10 @@ Lattice<Dim> lattice_of(const ImageGrid<Dim>& grid);
 template <int Dim>
 Lattice<Dim> coarsened(const Lattice<Dim>& image, double target_mm);
 
-/// A vector per site, components together: values[Dim * site + component].
+/// A vector per site, components together: values[Dim * site + component]. It begins with a cache line, so that a
+/// register that is loaded from it lies in one.
 template <class T>
-using Field = std::vector<T>;
+using Field = LineVector<T>;
 
 /// Calls visit(index, site) for all sites of one slab of the last axis.
 template <int Dim, class Visit>

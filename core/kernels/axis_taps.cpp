@@ -1,57 +1,47 @@
 #include "core/kernels/axis_taps.h"
 
-#include <algorithm>
+#include <optional>
 
 namespace saltus {
 namespace {
 
-/// c[0] + c[1] (t - middle) + c[2] (t - middle)^2 through the ends and the middle of a run.
-struct Parabola {
-  double middle = 0, c[3] = {};
-
-  template <class Tap>
-  Parabola(const TapRun& run, int degree, Tap&& tap) {
-    const int centre = (run.first + run.last) / 2;
-    middle = centre;
-    c[0] = tap(centre);
-    if (degree < 1) return;
-    const double below = run.first - centre, above = run.last - centre;
-    if (degree < 2) {
-      c[1] = (tap(run.last) - tap(run.first)) / (above - below);
-      return;
-    }
-    const double slope_below = (tap(run.first) - c[0]) / below, slope_above = (tap(run.last) - c[0]) / above;
-    c[2] = (slope_above - slope_below) / (above - below);
-    c[1] = slope_below - c[2] * below;
-  }
-  double at(double t) const { return c[0] + (t - middle) * (c[1] + (t - middle) * c[2]); }
-  double slope(double t) const { return c[1] + 2 * (t - middle) * c[2]; }
-};
+/// The row as its own mirror image about c / 2; none where it is not.
+template <class T>
+std::optional<MirroredTaps<T>> mirrored(const std::vector<double>& taps, Mirror kind, int c) {
+  const int radius = static_cast<int>(taps.size() / 2);
+  const auto tap = [&](int t) {
+    return t < -radius || t > radius ? T(0) : static_cast<T>(taps[static_cast<std::size_t>(t + radius)]);
+  };
+  const T sign = kind == Mirror::Even ? T(1) : T(-1);
+  for (int t = -radius; t <= radius; ++t)
+    if (tap(t) != sign * tap(c - t)) return std::nullopt;
+  MirroredTaps<T> row;
+  row.kind = kind;
+  row.before = c < 0 ? 0 : 1;
+  row.after = row.before - c;
+  if (c == 0) row.middle = tap(0);
+  // Taps further out on either side are 0: what mirrors them is beyond the row.
+  for (int t = row.before; t <= radius && row.after + t - row.before <= radius; ++t) row.sides.push_back(tap(t));
+  return row;
+}
 
 }  // namespace
 
 template <class T>
-AxisTaps<T>::AxisTaps(const std::vector<double>& taps, const std::array<TapRun, 2>& runs, int row_degree,
-                      ConvolutionMethod how)
-    : direct(taps.begin(), taps.end()), method(how), degree(row_degree) {
-  const auto tap = [&](int t) { return taps[static_cast<std::size_t>(t + radius())]; };
-  const bool usable = row_degree >= 0 && row_degree <= 2 && runs[0].length() == runs[1].length();
-  if (usable && runs[0].length() > row_degree) length = runs[0].length();
-  for (int t = -radius(); t <= radius(); ++t) {
-    const bool in_run = has_runs() && std::any_of(runs.begin(), runs.end(),
-                                                  [t](const TapRun& run) { return t >= run.first && t <= run.last; });
-    if (!in_run && tap(t) != 0) singles.push_back({t, static_cast<T>(tap(t))});
+AxisTaps<T>::AxisTaps(const std::vector<double>& taps) : radius_(static_cast<int>(taps.size() / 2)) {
+  for (Mirror kind : {Mirror::Even, Mirror::Odd})
+    for (int c : {0, 1, -1})
+      if (std::optional<MirroredTaps<T>> row = mirrored<T>(taps, kind, c)) {
+        parts_ = {std::move(*row)};
+        return;
+      }
+  const std::vector<double> mirror = reversed(taps);
+  std::vector<double> even, odd;
+  for (std::size_t i = 0; i < taps.size(); ++i) {
+    even.push_back((taps[i] + mirror[i]) / 2);
+    odd.push_back((taps[i] - mirror[i]) / 2);
   }
-  for (std::size_t r = 0; r < 2 && has_runs(); ++r) {
-    Polynomial& p = polynomials[r];
-    p.run = runs[r];
-    const Parabola parabola(runs[r], row_degree, tap);
-    for (int t = runs[r].first - 1; t <= runs[r].last; ++t) {
-      p.at.push_back(static_cast<T>(parabola.at(t)));
-      p.slope.push_back(static_cast<T>(parabola.slope(t)));
-    }
-    p.half_curvature = static_cast<T>(parabola.c[2]);
-  }
+  parts_ = {*mirrored<T>(even, Mirror::Even, 0), *mirrored<T>(odd, Mirror::Odd, 0)};
 }
 
 std::vector<double> scaled(std::vector<double> taps, double factor) {
@@ -61,11 +51,7 @@ std::vector<double> scaled(std::vector<double> taps, double factor) {
 
 std::vector<double> reversed(const std::vector<double>& taps) { return {taps.rbegin(), taps.rend()}; }
 
-std::array<TapRun, 2> reversed(const std::array<TapRun, 2>& runs) {
-  return {TapRun{-runs[0].last, -runs[0].first}, TapRun{-runs[1].last, -runs[1].first}};
-}
-
-template struct AxisTaps<float>;
-template struct AxisTaps<double>;
+template class AxisTaps<float>;
+template class AxisTaps<double>;
 
 }  // namespace saltus

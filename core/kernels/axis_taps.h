@@ -1,52 +1,48 @@
 #pragma once
 
-#include "core/kernels/kernel_profile.h"
-
-#include <array>
-#include <utility>
+#include <cstddef>
 #include <vector>
 
 namespace saltus {
 
-/// How a row of taps is applied.
-enum class ConvolutionMethod {
-  Fastest,  ///< moments where the row has runs that are long enough to gain, see separable_convolution.cpp
-  Direct,   ///< every tap by itself
-  Moments,  ///< runs by sliding moments, the other taps by themselves; direct where there are no runs
+/// How a row of taps relates to its mirror image.
+enum class Mirror {
+  Even,  ///< tap t is tap c - t
+  Odd    ///< tap t is minus tap c - t
 };
 
-/// One row of taps, ready to be applied along an axis: all taps, and, where two runs of them are polynomials of degree
-/// up to 2, those polynomials.
+/// A row of taps that is its own mirror image, up to the sign: about tap 0 (c = 0), or about the middle between tap 0
+/// and one of its neighbours (c = 1 or -1), as rows between samples and the faces between them are. It makes of values
+/// v
+///     middle v[i] + sum over k of sides[k] (v[i - before - k] +- v[i + after + k]).
 template <class T>
-struct AxisTaps {
-  /// p(t) = sum of taps: at[k] and slope[k] are p and p' at t = run.first - 1 + k, k = 0..length; p'' is constant.
-  struct Polynomial {
-    TapRun run;
-    std::vector<T> at, slope;
-    T half_curvature = 0;
-  };
+struct MirroredTaps {
+  Mirror kind = Mirror::Even;
+  int before = 1, after = 1;  ///< the nearest of either side: (1, 1), (1, 0) for c = 1, or (0, 1) for c = -1
+  T middle = 0;               ///< 0 unless the row is even about tap 0
+  std::vector<T> sides;
 
-  /// `taps` for t = -radius..radius. Runs that are empty, unequal or of a degree above 2 are ignored.
-  AxisTaps(const std::vector<double>& taps, const std::array<TapRun, 2>& runs, int degree,
-           ConvolutionMethod method = ConvolutionMethod::Fastest);
-  /// Without runs.
-  explicit AxisTaps(const std::vector<double>& taps) : AxisTaps(taps, {}, -1) {}
+  std::size_t reach() const { return sides.size(); }  ///< how far the last value on either side is, at most
+};
 
-  int radius() const { return static_cast<int>(direct.size() / 2); }
-  bool has_runs() const { return length > 0; }
+/// A row of taps for t = -radius..radius, ready to be applied along an axis: as the rows that are their own mirror
+/// images whose sum it is. Those of kernels and their derivatives are one such row to the last bit, others two.
+template <class T>
+class AxisTaps {
+ public:
+  explicit AxisTaps(const std::vector<double>& taps);
 
-  std::vector<T> direct;  ///< [t + radius]
-  ConvolutionMethod method;
-  int degree = -1;
-  int length = 0;  ///< of both runs; 0: there are none
-  std::array<Polynomial, 2> polynomials;
-  std::vector<std::pair<int, T>> singles;  ///< (t, tap) of what is in no run and not 0
+  int radius() const { return radius_; }
+  const std::vector<MirroredTaps<T>>& parts() const { return parts_; }
+
+ private:
+  int radius_;
+  std::vector<MirroredTaps<T>> parts_;
 };
 
 std::vector<double> scaled(std::vector<double> taps, double factor);
 
 /// The row of the transposed convolution: tap t is the old tap -t.
 std::vector<double> reversed(const std::vector<double>& taps);
-std::array<TapRun, 2> reversed(const std::array<TapRun, 2>& runs);
 
 }  // namespace saltus

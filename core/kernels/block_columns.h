@@ -1,32 +1,36 @@
 #pragma once
 
 #include "core/grid/block_mask.h"
+#include "core/kernels/mirrored_sums.h"
 #include "core/kernels/separable_convolution.h"
+#include "core/support/line_vector.h"
 #include "core/support/thread_count.h"
 
 #include <algorithm>
 
 namespace saltus {
 
-/// Values side by side in a column of blocks along one axis.
+/// Values side by side in a column of blocks along one axis, and registers that hold a row of them.
 template <int Dim>
-constexpr int kColumnLanes = Dim*(Dim == 3 ? kBlockEdge * kBlockEdge : kBlockEdge);
+constexpr int kColumnValues = Dim*(Dim == 3 ? kBlockEdge * kBlockEdge : kBlockEdge);
+template <int Dim, class T>
+constexpr int kColumnRegisters = (kColumnValues<Dim> - 1) / static_cast<int>(kRegisterLanes<T>) + 1;
+template <int Dim, class T>
+constexpr int kColumnLanes = kColumnRegisters<Dim, T>* static_cast<int>(kRegisterLanes<T>);
 
 /// The lines of one column of blocks: `pieces` of `piece` neighbouring scalars in every row.
-template <int Dim>
+template <int Dim, class T>
 struct ColumnPlace {
   int pieces = 0, piece = 0;
   std::size_t row_stride = 0;
   std::array<std::size_t, kBlockEdge * kBlockEdge> piece_at{};  ///< from the row's first scalar
   std::array<int, kBlockEdge * kBlockEdge> lane_at{};
 
-  template <class T>
   void read(const T* field, int begin, int end, T* lanes) const {
     each(begin, end, [&](std::size_t at, std::size_t lane, auto length) {
       std::copy_n(field + at, static_cast<int>(length), lanes + lane);
     });
   }
-  template <class T>
   void write(const T* lanes, int begin, int end, T* field) const {
     each(begin, end, [&](std::size_t at, std::size_t lane, auto length) {
       std::copy_n(lanes + lane, static_cast<int>(length), field + at);
@@ -45,18 +49,19 @@ struct ColumnPlace {
     for (int row = begin; row < end; ++row)
       for (int p = 0; p < pieces; ++p)
         copy(static_cast<std::size_t>(row) * row_stride + piece_at[static_cast<std::size_t>(p)],
-             static_cast<std::size_t>(row) * kColumnLanes<Dim> + lane_at[static_cast<std::size_t>(p)], length);
+             static_cast<std::size_t>(row) * kColumnLanes<Dim, T> + lane_at[static_cast<std::size_t>(p)], length);
   }
 };
 
 /// convolve_axis of an interleaved field with Dim channels that is given in the blocks of `in_blocks` only (0 outside)
-/// and wanted in those of `out_blocks` only; nothing else is read or written. Calls convolve(count, source, target) for
-/// pieces of columns of blocks: `count` rows of kColumnLanes values each; it adds to `target`. A column belongs to one
-/// thread, and what is done to it depends on the masks alone.
-template <int Dim, class T, class Convolve>
-void for_block_columns(const Lattice<Dim>& lattice, int axis, int radius, Combine combine, const BlockMask<Dim>& in_at,
-                       const T* in, const BlockMask<Dim>& out_at, T* out, Convolve&& convolve) {
-  constexpr int lanes = kColumnLanes<Dim>;
+/// and wanted in those of `out_blocks` only; nothing else is read or written. Columns of blocks are copied to where
+/// their rows follow each other. A column belongs to one thread, and what is done to it depends on the masks alone.
+template <int Dim, class T>
+void convolve_block_columns(const Lattice<Dim>& lattice, int axis, const MirroredTaps<T>& taps, Combine combine,
+                            const BlockMask<Dim>& in_at, const T* in, const BlockMask<Dim>& out_at, T* out) {
+  if (out_at.is_empty()) return;
+  constexpr int lanes = kColumnLanes<Dim, T>;
+  const int radius = static_cast<int>(taps.reach());
   std::array<std::size_t, Dim> stride, block_stride;
   std::size_t sites = 1, blocks = 1;
   for (int a = 0; a < Dim; ++a) {
@@ -70,7 +75,11 @@ void for_block_columns(const Lattice<Dim>& lattice, int axis, int radius, Combin
   const int low_blocks = out_at.blocks()[low], high_blocks = Dim == 3 ? out_at.blocks()[high] : 1;
 #pragma omp parallel if (is_worth_threads(lattice.sites()))
   {
-    std::vector<T> source(static_cast<std::size_t>(length) * lanes), target(source.size());
+    // Rows beyond either end, as far as taps reach and as sums are made at once.
+    const int rows = length + 2 * radius + kRowsAtOnce;
+    LineVector<T> source_rows(static_cast<std::size_t>(rows) * lanes, T(0));
+    LineVector<T> target(static_cast<std::size_t>(length + kRowsAtOnce) * lanes, T(0));
+    T* source = source_rows.data() + radius * lanes;
 #pragma omp for schedule(static) collapse(2)
     for (int h = 0; h < high_blocks; ++h)
       for (int l = 0; l < low_blocks; ++l) {
@@ -79,7 +88,7 @@ void for_block_columns(const Lattice<Dim>& lattice, int axis, int radius, Combin
         const auto has_in = [&](int b) { return in_at[column + block_stride[axis] * static_cast<std::size_t>(b)]; };
         const auto has_out = [&](int b) { return out_at[column + block_stride[axis] * static_cast<std::size_t>(b)]; };
 
-        ColumnPlace<Dim> place;
+        ColumnPlace<Dim, T> place;
         bool is_placed = false;
         std::size_t at = 0;
         for (int b = 0; b < column_blocks; ++b) {
@@ -103,7 +112,6 @@ void for_block_columns(const Lattice<Dim>& lattice, int axis, int radius, Combin
                 if (Dim == 3) place.piece_at[p] += Dim * stride[high] * static_cast<std::size_t>(d);
                 place.lane_at[p] = Dim * (d * kBlockEdge + w);
               }
-            if (wide * deep * Dim < lanes) std::fill(source.begin(), source.end(), T(0));  // unused lanes are 0
           }
 
           // Blocks that reach this run of outputs.
@@ -118,18 +126,22 @@ void for_block_columns(const Lattice<Dim>& lattice, int axis, int radius, Combin
             const int in_end = std::min({length, (last_in + 1) * kBlockEdge, out_end + radius});
             begin = std::max(out_begin, in_begin - radius);
             end = std::min(out_end, in_end + radius);
-            const int from = std::min(begin, in_begin), to = std::max(end, in_end);
+            const int from = begin - radius, to = end + radius;
             for (int row = from; row < to;) {
-              const int block = row / kBlockEdge, until = std::min(to, (block + 1) * kBlockEdge);
-              if (row >= in_begin && row < in_end && has_in(block))
-                place.read(in + at, row, until, source.data());
+              const bool is_inside = row >= in_begin && row < in_end;
+              const int block = row / kBlockEdge;
+              int until = is_inside ? std::min(in_end, (block + 1) * kBlockEdge) : row < in_begin ? in_begin : to;
+              until = std::min(until, to);
+              if (is_inside && has_in(block))
+                place.read(in + at, row, until, source);
               else
-                std::fill(source.begin() + row * lanes, source.begin() + until * lanes, T(0));
+                std::fill(source + row * lanes, source + until * lanes, T(0));
               row = until;
             }
-            std::fill(target.begin() + from * lanes, target.begin() + to * lanes, T(0));
             if (combine == Combine::Add) place.read(out + at, begin, end, target.data());
-            convolve(to - from, source.data() + from * lanes, target.data() + from * lanes);
+            sum_mirrored<T>(
+                taps, {(end - begin - 1) / kRowsAtOnce + 1, kColumnRegisters<Dim, T>, source + begin * lanes, lanes,
+                       target.data() + begin * lanes, lanes, combine == Combine::Add});
           }
           if (combine == Combine::Replace) {
             std::fill(target.begin() + out_begin * lanes, target.begin() + begin * lanes, T(0));

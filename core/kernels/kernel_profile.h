@@ -1,6 +1,5 @@
 #pragma once
 
-#include <array>
 #include <memory>
 #include <string>
 #include <vector>
@@ -21,7 +20,6 @@ class KernelProfile {
   virtual double value(double r) const = 0;                      ///< k0(r)
   virtual double first_integral(double r) const = 0;             ///< odd antiderivative of k0
   virtual double second_integral(double r) const = 0;            ///< even antiderivative of first_integral
-  virtual int degree() const { return -1; }                      ///< of k0 as polynomial of |r| where not 0; -1: none
   double mass() const { return 2 * first_integral(support()); }  ///< integral of k0, mm
 };
 
@@ -30,12 +28,6 @@ std::unique_ptr<KernelProfile> make_gaussian_profile(double sigma_mm);
 
 /// ((1 - |r|/sigma)_+)^2, the C0 Wendland kernel: not differentiable at 0, so that its first order can jump.
 std::unique_ptr<KernelProfile> make_wendland_profile(double sigma_mm);
-
-/// The taps of a row from t = first to last are one polynomial of t. Empty when last < first.
-struct TapRun {
-  int first = 1, last = 0;
-  int length() const { return last < first ? 0 : last - first + 1; }
-};
 
 /// Convolution weights along one axis with spacing h, for t = -radius..radius at [t + radius]. Order 0 sits at the
 /// samples; order 1 at the faces between them, source face i at (i + 1/2) h, so that a sheet of first-order momentum
@@ -50,13 +42,10 @@ struct TapRun {
 /// The double averages make the Gram matrices of value and curvature positive semi-definite, and energies converge as
 /// h -> 0. No derivative of k0 is ever sampled: each tap is a difference of k0 or its antiderivatives.
 ///
-/// Where k0 is a polynomial of |r| (degree g), each row is one on either side of 0, of degree g (value), g - 1 (slope,
-/// slope_gram) or g - 2 (curvature): the runs, equally long, leave out what is cut by 0 or by the end of the support.
+/// To the last bit value and curvature are even about t = 0, slope and slope_gram odd about t = 1/2.
 struct KernelTaps {
   int radius = 0;
   std::vector<double> value, slope, curvature, slope_gram;
-  int degree = -1;  ///< g; -1: there are no runs
-  std::array<TapRun, 2> value_runs, slope_runs, curvature_runs, slope_gram_runs;
 };
 
 KernelTaps cell_averaged_taps(const KernelProfile& profile, double spacing_mm);

@@ -12,7 +12,6 @@ class WendlandProfile final : public KernelProfile {
   std::string name() const override { return "wendland"; }
   double width() const override { return sigma_; }
   double support() const override { return sigma_; }
-  int degree() const override { return 2; }
   double value(double r) const override { return rest(r) * rest(r); }
   // With q = (1 - |r|/sigma)_+: the integral of q^2 from 0 is sigma (1 - q^3) / 3, and once more
   // sigma |r| / 3 - sigma^2 (1 - q^4) / 12.

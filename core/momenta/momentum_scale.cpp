@@ -10,13 +10,12 @@ namespace saltus {
 
 template <int Dim, class T>
 MomentumScale<Dim, T>::Rows::Rows(const KernelTaps& taps, double share, double unit, double ratio)
-    : value(scaled(taps.value, share), taps.value_runs, taps.degree),
-      slope(scaled(taps.slope, share * unit * ratio), taps.slope_runs, taps.degree - 1),
-      slope_transposed(reversed(scaled(taps.slope, share * unit * ratio)), reversed(taps.slope_runs), taps.degree - 1),
-      curvature(scaled(taps.curvature, share * unit * unit), taps.curvature_runs, taps.degree - 2),
-      slope_gram(scaled(taps.slope_gram, share * unit * ratio), taps.slope_gram_runs, taps.degree - 1),
-      slope_gram_transposed(reversed(scaled(taps.slope_gram, share * unit * ratio)), reversed(taps.slope_gram_runs),
-                            taps.degree - 1) {}
+    : value(scaled(taps.value, share)),
+      slope(scaled(taps.slope, share * unit * ratio)),
+      slope_transposed(reversed(scaled(taps.slope, share * unit * ratio))),
+      curvature(scaled(taps.curvature, share * unit * unit)),
+      slope_gram(scaled(taps.slope_gram, share * unit * ratio)),
+      slope_gram_transposed(reversed(scaled(taps.slope_gram, share * unit * ratio))) {}
 
 template <int Dim, class T>
 MomentumScale<Dim, T>::MomentumScale(const MomentumScaleOptions<Dim>& options) : options_(options) {

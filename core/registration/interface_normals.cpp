@@ -20,7 +20,7 @@ const double kAlongAxis = std::cos(6 * std::numbers::pi / 180);
 }  // namespace
 
 template <int Dim, class T>
-InterfaceNormals<Dim, T>::InterfaceNormals(const Lattice<Dim>& lattice, const std::vector<T>& velocity)
+InterfaceNormals<Dim, T>::InterfaceNormals(const Lattice<Dim>& lattice, const Field<T>& velocity)
     : lattice_(lattice), tensor_(kPairs * lattice.sites()) {
   std::array<std::size_t, Dim> strides;
   std::size_t stride = 1;
@@ -44,8 +44,8 @@ InterfaceNormals<Dim, T>::InterfaceNormals(const Lattice<Dim>& lattice, const st
       for (int a = 0; a < Dim; ++a)
         for (int b = a; b < Dim; ++b) *tensor++ = derivative.col(a).dot(derivative.col(b));
     });
-  const std::vector<T> third(3, T(1) / 3);
-  std::vector<T> smoothed(tensor_.size());
+  const AxisTaps<T> third(std::vector<double>(3, 1.0 / 3));
+  Field<T> smoothed(tensor_.size());
   for (int pass = 0; pass < kPasses; ++pass)
     for (int axis = 0; axis < Dim; ++axis) {
       convolve_axis<Dim, T>(lattice, kPairs, axis, third, Combine::Replace, tensor_.data(), smoothed.data());

@@ -14,7 +14,7 @@ template <int Dim, class T>
 class InterfaceNormals {
  public:
   /// `velocity` is interleaved, on `lattice`.
-  InterfaceNormals(const Lattice<Dim>& lattice, const std::vector<T>& velocity);
+  InterfaceNormals(const Lattice<Dim>& lattice, const Field<T>& velocity);
 
   /// At the sites of another lattice over the same frame.
   struct Normals {
@@ -29,7 +29,7 @@ class InterfaceNormals {
  private:
   static constexpr int kPairs = Dim * (Dim + 1) / 2;
   Lattice<Dim> lattice_;
-  std::vector<T> tensor_;  ///< upper triangle, row by row
+  Field<T> tensor_;  ///< upper triangle, row by row
 };
 
 }  // namespace saltus

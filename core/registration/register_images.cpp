@@ -65,7 +65,8 @@ RegistrationResult<Dim> register_images(const RegistrationInput<Dim>& input, con
       jumps.push_back(std::move(of_kernel));
   run.release();
   const Field<float> backward = write_fields(input, flow, velocities, result);
-  result.slip = measure_slip<Dim>(jumps, {flow, velocities, input.fixed.grid, backward, input.start});
+  result.slip =
+      measure_slip<Dim>(jumps, {flow, velocities, input.fixed.grid, backward, input.start, input.moving.grid});
   summarise_similarity(run.pyramid().full_resolution(), options, backward, result);
   run.count_time();
   summary.seconds = run.summary().seconds;

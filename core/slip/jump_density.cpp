@@ -123,10 +123,10 @@ void add_along_axis(const Lattice<Dim>& lattice, const JumpElements<Dim>& elemen
     add_hat<Dim, Dim>(lattice, elements.lattice, element.at, element.strength, jumps.data());
   for (int axis = 0; axis < Dim; ++axis) {
     if (axis == elements.axis) continue;
-    std::vector<float> taps;
+    std::vector<double> taps;
     for (const auto& [place, weight] : lateral_weights<Dim>(lattice, Vector<Dim>::Unit(axis), elements.width_mm))
-      taps.push_back(static_cast<float>(weight));
-    convolve_axis<Dim, float>(lattice, Dim, axis, taps, Combine::Replace, jumps.data(), next.data());
+      taps.push_back(weight);
+    convolve_axis<Dim, float>(lattice, Dim, axis, AxisTaps<float>(taps), Combine::Replace, jumps.data(), next.data());
     std::swap(jumps, next);
   }
   for (std::size_t site = 0; site < lattice.sites(); ++site)
@@ -163,12 +163,12 @@ JumpDensity<Dim>::JumpDensity(const std::vector<JumpElements<Dim>>& elements)
       for (const JumpElement<Dim>& element : scale.list) add_element<Dim>(lattice_, scale, element, values_.data());
   }
 
-  std::vector<float> taps(2 * static_cast<std::size_t>(radius) + 1);
+  std::vector<double> weights(2 * static_cast<std::size_t>(radius) + 1);
   double sum = 0;
   for (int t = -radius; t <= radius; ++t) sum += std::exp(-t * t / (2 * kSmoothing * kSmoothing));
   for (int t = -radius; t <= radius; ++t)
-    taps[static_cast<std::size_t>(t + radius)] =
-        static_cast<float>(std::exp(-t * t / (2 * kSmoothing * kSmoothing)) / sum);
+    weights[static_cast<std::size_t>(t + radius)] = std::exp(-t * t / (2 * kSmoothing * kSmoothing)) / sum;
+  const AxisTaps<float> taps(weights);
   std::vector<float> smoothed(values_.size());
   for (int axis = 0; axis < Dim; ++axis) {
     convolve_axis<Dim, float>(lattice_, Dim * Dim, axis, taps, Combine::Replace, values_.data(), smoothed.data());

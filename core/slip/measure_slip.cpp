@@ -27,6 +27,7 @@ struct Piece {
   Vector<Dim> at, normal;          ///< in the frame
   double area = 0, velocity_jump = 0;
   Vector<Dim> above, below;  ///< psi(x) - x on the side of the normal and on the other
+  bool is_told = false;      ///< by both images, on both sides
   int part = -1;
 
   void flip() {
@@ -162,6 +163,47 @@ Vector<Dim> side_value(const Lattice<Dim>& lattice, const Field<float>& field, c
   return sum / kReadings - middle * moment / spread;
 }
 
+template <int Dim>
+bool is_in(const ImageGrid<Dim>& image, const Vector<Dim>& index) {
+  for (int a = 0; a < Dim; ++a)
+    if (!(index[a] >= -0.5 && index[a] <= image.size[a] - 0.5)) return false;
+  return true;
+}
+
+/// Whether most of what a side is read from lies in the fixed image and, carried along, in the moving one.
+template <int Dim>
+bool is_told(const SlipFlow<Dim>& flow, const Vector<Dim>& x, const Vector<Dim>& away) {
+  const Lattice<Dim> fixed = lattice_of(flow.fixed);
+  int told = 0;
+  for (int k = 0; k < kReadings; ++k) {
+    const Vector<Dim> at = x + (kNearest + (kFarthest - kNearest) * k / (kReadings - 1)) * away;
+    std::array<double, Dim> index;
+    Vector<Dim> voxel, moved = at;
+    for (int a = 0; a < Dim; ++a) voxel[a] = index[a] = at[a] / fixed.spacing[a];
+    const LinearCell<Dim, double> cell(fixed, index);
+    for (int bits = 0; bits < LinearCell<Dim, double>::corners; ++bits)
+      for (int c = 0; c < Dim; ++c) moved[c] += cell.weight(bits) * flow.backward[Dim * cell.corner(bits) + c];
+    const Vector<Dim> world = flow.fixed.origin + flow.fixed.direction * moved;
+    told += is_in(flow.fixed, voxel) && is_in(flow.moving, flow.moving.to_index(flow.start(world)));
+  }
+  return 2 * told > kReadings;
+}
+
+/// Takes away parts most of which is not told, and numbers the others anew.
+template <int Dim>
+void keep_what_is_told(std::vector<Piece<Dim>>& pieces) {
+  std::map<int, double> area, told;
+  for (const Piece<Dim>& piece : pieces) {
+    area[piece.part] += piece.area;
+    told[piece.part] += piece.is_told ? piece.area : 0;
+  }
+  std::map<int, int> number;
+  for (const auto& [part, whole] : area)
+    if (2 * told[part] >= whole) number.emplace(part, static_cast<int>(number.size()));
+  std::erase_if(pieces, [&](const Piece<Dim>& piece) { return !number.contains(piece.part); });
+  for (Piece<Dim>& piece : pieces) piece.part = number[piece.part];
+}
+
 /// Points in buckets, to be found again by where they are.
 template <int Dim>
 class Buckets {
@@ -287,12 +329,15 @@ SlipSurface<Dim> measure_slip(const std::vector<JumpElements<Dim>>& elements, co
     const double step = std::max(sample_along(fixed, piece.normal), sample_along(flow.lattice, piece.normal));
     piece.above = side_value<Dim>(fixed, flow.backward, piece.at, step * piece.normal);
     piece.below = side_value<Dim>(fixed, flow.backward, piece.at, -step * piece.normal);
+    piece.is_told =
+        is_told<Dim>(flow, piece.at, step * piece.normal) && is_told<Dim>(flow, piece.at, -step * piece.normal);
   }
   std::erase_if(pieces, [&](const Piece<Dim>& piece) {
     const Vector<Dim> jump = piece.above - piece.below;
     return (jump - jump.dot(piece.normal) * piece.normal).norm() < surface.least_jump_mm;
   });
   sort_into_parts(mesh, pieces);
+  keep_what_is_told(pieces);
 
   const std::size_t count = pieces.size();
   std::vector<Vector<Dim>> above(count), below(count);

@@ -23,6 +23,7 @@ struct SlipFlow {
   const ImageGrid<Dim>& fixed;                  ///< its axes and voxel 0 are the frame
   const Field<float>& backward;                 ///< psi(x) - x at its voxels, in the frame
   const AffineMap<Dim>& start;                  ///< fixed world -> moving world, after psi
+  const ImageGrid<Dim>& moving;
 };
 
 /// The surface along which a motion slides, from the momenta that make it and the displacement that came of them:
@@ -34,7 +35,10 @@ struct SlipFlow {
 ///     normal, taken at the surface: what the smooth part changes over that distance is no jump, and the transition
 ///     (sampling, cell averages, momenta on neighbouring sites) is left out. That is exact for the jump of a C0
 ///     Wendland kernel, whose velocity is linear on either side, as long as no other sheet is as near as kFarthest.
-///  4. The gap is the distance of the + side's piece, carried by u+, from the plane through the - side's pieces around
+///  4. A connected part is left out where images do not tell most of it: where a side has fewer than half of its
+///     samples in the fixed image and, carried along, in the moving one. Beside an image's end momenta may jump as they
+///     like.
+///  5. The gap is the distance of the + side's piece, carried by u+, from the plane through the - side's pieces around
 ///     the nearest one, carried by u-: a jump along a curved surface has a part along its normal and opens nothing.
 ///
 /// Samples beyond the image are those of its border, and a rim is continued by the plane of its last pieces.

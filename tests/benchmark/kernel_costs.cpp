@@ -32,8 +32,8 @@ struct Kernel {
   std::function<void()> run;
 };
 
-std::vector<float> smooth(std::size_t sites, int channels, float amount) {
-  std::vector<float> values(sites * static_cast<std::size_t>(channels));
+Field<float> smooth(std::size_t sites, int channels, float amount) {
+  Field<float> values(sites * static_cast<std::size_t>(channels));
   for (std::size_t i = 0; i < values.size(); ++i)
     values[i] = amount * std::sin(1e-3f * static_cast<float>(i) + static_cast<float>(i % 3));
   return values;
@@ -56,7 +56,8 @@ class Scene {
         fixed_(smooth(sites_, 1, 0.4f)),
         scalar_(sites_) {
     image_.lattice = lattice_;
-    image_.samples = smooth(sites_, 1, 0.5f);
+    const Field<float> samples = smooth(sites_, 1, 0.5f);
+    image_.samples.assign(samples.begin(), samples.end());
     image_.linear.setIdentity();
     image_.offset.setZero();
   }
@@ -65,13 +66,10 @@ class Scene {
     std::vector<Kernel> list;
     const auto pass = [&](const std::string& name, const KernelProfile& profile) {
       const KernelTaps taps = cell_averaged_taps(profile, 1.0);
-      auto row = std::make_shared<AxisTaps<float>>(taps.value, taps.value_runs, taps.degree);
-      // The field is read and written once. Taps one by one: a product and a sum each. By moments of degree 2: two
-      // times five operations to gather a value, four times six to give it to both runs, and the taps by themselves.
-      const double taps_one_by_one = 2.0 * static_cast<double>(row->direct.size());
-      const double moments = 2 * 5 + 4 * 6 + 2.0 * static_cast<double>(row->singles.size());
-      const double operations =
-          3 * (row->has_runs() && row->degree == 2 ? std::min(moments, taps_one_by_one) : taps_one_by_one);
+      auto row = std::make_shared<AxisTaps<float>>(taps.value);
+      // The field is read and written once. Two values are added, multiplied by the tap that they share and added to
+      // the sum; the middle one is multiplied.
+      const double operations = 3 * (3.0 * row->radius() + 1);
       for (int axis = 0; axis < 3; ++axis)
         list.push_back({name + ", along " + "xyz"[axis], 2 * kVector, operations, [this, row, axis] {
                           convolve_axis<3, float>(lattice_, 3, axis, *row, Combine::Replace, vectors_.data(),
@@ -135,7 +133,7 @@ class Scene {
  private:
   Lattice<3> lattice_;
   std::size_t sites_;
-  std::vector<float> vectors_, displacement_, out_, dual_, fixed_, scalar_, more_, weights_;
+  Field<float> vectors_, displacement_, out_, dual_, fixed_, scalar_, more_, weights_;
   FramedImage<3, float> image_;
   std::vector<Field<float>> velocities_, velocity_duals_;
   std::unique_ptr<Similarity<3, float>> similarity_;

@@ -6,7 +6,9 @@
 
 namespace saltus::testing {
 
-inline double dot(const std::vector<double>& a, const std::vector<double>& b) {
+/// Of vectors of any memory.
+template <class A, class B>
+double dot(const A& a, const B& b) {
   return std::inner_product(a.begin(), a.end(), b.begin(), 0.0);
 }
 

@@ -34,6 +34,11 @@ inline std::vector<double> random_values(std::size_t count, std::uint64_t seed, 
   return values;
 }
 
+inline Field<double> random_field(std::size_t count, std::uint64_t seed, double amplitude = 1) {
+  const std::vector<double> values = random_values(count, seed, amplitude);
+  return {values.begin(), values.end()};
+}
+
 /// A smooth image: a few plane waves of random direction, phase and wavelength (6 to 20 samples).
 template <int Dim>
 std::vector<double> random_waves(const Lattice<Dim>& lattice, std::uint64_t seed) {

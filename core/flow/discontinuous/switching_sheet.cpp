@@ -118,9 +118,8 @@ void gather_sheets(const MomentumScale<Dim, T>& scale, const T* momentum, int ax
     std::copy_n(momentum, smoothed.size(), smoothed.begin());
     for (int a = 0; a < Dim; ++a) {
       if (a == axis) continue;
-      const KernelTaps taps = cell_averaged_taps(kernel, lattice.spacing[a]);
-      convolve_axis<Dim, T>(lattice, Dim, a, std::vector<T>(taps.value.begin(), taps.value.end()), Combine::Replace,
-                            smoothed.data(), next.data());
+      const AxisTaps<T> taps(cell_averaged_taps(kernel, lattice.spacing[a]).value);
+      convolve_axis<Dim, T>(lattice, Dim, a, taps, Combine::Replace, smoothed.data(), next.data());
       std::swap(smoothed, next);
     }
     const double factor = component.weight * scale.options().first_weight * scale.options().kernel.width() /

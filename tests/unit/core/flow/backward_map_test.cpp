@@ -13,6 +13,7 @@ namespace saltus {
 namespace {
 
 using testing::dot;
+using testing::random_field;
 using testing::random_values;
 
 const Lattice<2> kGrid{{41, 41}, {1, 1}, {-20, -20}}, kPoints{{9, 9}, {1.3, 1.3}, {-5.2, -5.2}};
@@ -143,7 +144,7 @@ TEST(BackwardMap, IsUndoneByTheForwardMapInAShearLayer) {
 TEST(MoveForward, TakesWhatWasMovedToWherePointsGo) {
   const auto velocities =
       nodes(3, [](const Vector<2>& x, double t) { return Vector<2>(0.3 * x[1] + t, -0.2 * x[0] + 0.1 * x[1]); });
-  Field<double> moved = random_values(2 * kPoints.sites(), 12);
+  Field<double> moved = random_field(2 * kPoints.sites(), 12);
   const Field<double> before = moved;
   move_forward<2, double>(kPoints, kGrid, velocities, moved);
   for (int slab = 0; slab < kPoints.size[1]; ++slab)
@@ -195,7 +196,7 @@ void expect_adjoint() {
       [&](const std::vector<double>& at) { return dot(map.follow(split(at)), dual); }, v, along, 1e-7);
   std::vector<Field<double>> duals(steps + 1, Field<double>(each, 0.0));
   map.follow(split(v));
-  std::vector<double> modified = dual;
+  Field<double> modified(dual.begin(), dual.end());
   map.adjoint(split(v), modified, duals);
   double found = 0;
   for (int k = 0; k <= steps; ++k) found += dot(duals[k], split(along)[k]);

@@ -14,6 +14,7 @@ namespace saltus {
 namespace {
 
 using testing::dot;
+using testing::random_field;
 using testing::random_values;
 
 Lattice<2> square(int n, double spacing = 1) { return {{n, n}, {spacing, spacing}, {}}; }
@@ -298,7 +299,7 @@ TEST(GeodesicShooting, NeedsOnlyTheBlocksThatAreNotZero) {
       const auto run = [&](const ActiveBlocks<2>& within, std::vector<double>& gradient) {
         shooting.shoot({{zeroth.data(), first.data()}}, within);
         std::vector<Field<double>> velocities = shooting.velocities(), duals;
-        for (int k = 0; k <= steps; ++k) duals.push_back(random_values(field, 10 + k));
+        for (int k = 0; k <= steps; ++k) duals.push_back(random_field(field, 10 + k));
         gradient.assign(3 * field, 0.0);
         std::vector<double> preconditioned(field, 0.0);
         shooting.adjoint({{zeroth.data(), first.data()}}, duals, {{gradient.data(), gradient.data() + field}},
@@ -370,7 +371,7 @@ void expect_same_from_active_blocks(Evolution evolution, double share, bool look
     const auto target = [](double* zeroth, double* first) { return MomentumTargets<double>{zeroth, first}; };
     shooting.shoot(pointers, blocks);
     std::vector<Field<double>> velocities = shooting.velocities(), duals;
-    for (int k = 0; k <= steps; ++k) duals.push_back(random_values(field, 10 + k));
+    for (int k = 0; k <= steps; ++k) duals.push_back(random_field(field, 10 + k));
     std::vector<MomentumTargets<double>> scaled = split(preconditioned.data(), target);
     scaled[1] = scaled[2] = {};
     shooting.adjoint(pointers, duals, split(gradient.data(), target), scaled);

@@ -2,10 +2,13 @@
 #include "core/kernels/separable_convolution.h"
 
 #include <gtest/gtest.h>
+#include <omp.h>
 
 #include <cmath>
 #include <limits>
 
+#include "core/kernels/kernel_profile.h"
+#include "tests/support/many_threads.h"
 #include "tests/support/random_blocks.h"
 #include "tests/support/random_fields.h"
 
@@ -17,16 +20,36 @@ class SeparableConvolution : public ::testing::Test {};
 using Scalars = ::testing::Types<float, double>;
 TYPED_TEST_SUITE(SeparableConvolution, Scalars);
 
+/// Random taps: any, or mirrored about 0 or about the middle between taps 0 and 1, or 0 and -1.
+enum class Shape { Any, Even, Odd, OddAfter, OddBefore };
+constexpr Shape kShapes[] = {Shape::Any, Shape::Even, Shape::Odd, Shape::OddAfter, Shape::OddBefore};
+
+std::vector<double> random_row(int radius, Shape shape) {
+  std::vector<double> row = testing::random_values(2 * static_cast<std::size_t>(radius) + 1, 3);
+  if (shape == Shape::Any) return row;
+  const int c = shape == Shape::OddAfter ? 1 : shape == Shape::OddBefore ? -1 : 0;
+  const std::vector<double> any = row;
+  for (int t = -radius; t <= radius; ++t) {
+    const bool has_mirror = std::abs(c - t) <= radius;
+    const double mirror = has_mirror ? any[static_cast<std::size_t>(c - t + radius)] : 0;
+    double& tap = row[static_cast<std::size_t>(t + radius)];
+    tap = !has_mirror ? 0 : shape == Shape::Even ? tap + mirror : tap - mirror;
+  }
+  return row;
+}
+
 template <int Dim, class T>
-void expect_equal_to_brute_force(const Index<Dim>& size, int channels, int axis, int radius, Combine combine) {
+void expect_equal_to_brute_force(const Index<Dim>& size, int channels, int axis, int radius, Combine combine,
+                                 Shape shape = Shape::Any) {
   Lattice<Dim> lattice;
   lattice.size = size;
   const std::size_t count = lattice.sites() * static_cast<std::size_t>(channels);
   const auto cast = [](const std::vector<double>& from) { return std::vector<T>(from.begin(), from.end()); };
+  const std::vector<double> row = random_row(radius, shape);
   const std::vector<T> in = cast(testing::random_values(count, 1)), before = cast(testing::random_values(count, 2)),
-                       taps = cast(testing::random_values(2 * static_cast<std::size_t>(radius) + 1, 3));
+                       taps = cast(row);
   std::vector<T> out = before;
-  convolve_axis<Dim, T>(lattice, channels, axis, taps, combine, in.data(), out.data());
+  convolve_axis<Dim, T>(lattice, channels, axis, AxisTaps<T>(row), combine, in.data(), out.data());
 
   std::size_t stride = static_cast<std::size_t>(channels);
   for (int a = 0; a < axis; ++a) stride *= static_cast<std::size_t>(size[a]);
@@ -38,8 +61,8 @@ void expect_equal_to_brute_force(const Index<Dim>& size, int channels, int axis,
       if (i - j >= 0 && i - j < size[axis])
         expected += double(taps[static_cast<std::size_t>(j + radius)]) *
                     double(in[k - static_cast<std::size_t>(i) * stride + static_cast<std::size_t>(i - j) * stride]);
-    ASSERT_NEAR(out[k], expected, tolerance)
-        << "axis " << axis << " radius " << radius << " channels " << channels << " at " << k;
+    ASSERT_NEAR(out[k], expected, tolerance) << "shape " << static_cast<int>(shape) << " axis " << axis << " radius "
+                                             << radius << " channels " << channels << " at " << k;
   }
 }
 
@@ -47,10 +70,10 @@ TYPED_TEST(SeparableConvolution, EqualsTheSumForAllAxesAndRadii) {
   for (Combine combine : {Combine::Replace, Combine::Add})
     for (int radius : {0, 1, 3, 8, 40})
       for (int channels : {1, 2, 3}) {
-        // The long line has blocks of 64 values with all taps inside; the short ones have none.
+        // Lines and strips of whole registers and of less, and blocks of rows with a rest.
         for (int axis = 0; axis < 2; ++axis) {
           expect_equal_to_brute_force<2, TypeParam>({7, 5}, channels, axis, radius, combine);
-          expect_equal_to_brute_force<2, TypeParam>({151, 6}, channels, axis, radius, combine);
+          expect_equal_to_brute_force<2, TypeParam>({151, 33}, channels, axis, radius, combine);
           expect_equal_to_brute_force<2, TypeParam>({1, 9}, channels, axis, radius, combine);
         }
         for (int axis = 0; axis < 3; ++axis) {
@@ -60,10 +83,20 @@ TYPED_TEST(SeparableConvolution, EqualsTheSumForAllAxesAndRadii) {
       }
 }
 
+// Any number of sides that is left of a block of rows, for rows of every kind.
+TYPED_TEST(SeparableConvolution, EqualsTheSumForRowsThatMirrorThemselves) {
+  for (Shape shape : kShapes)
+    for (int radius = 1; radius <= 18; ++radius)
+      for (Combine combine : {Combine::Replace, Combine::Add})
+        for (int axis = 0; axis < 2; ++axis)
+          expect_equal_to_brute_force<2, TypeParam>({50, 37}, 2, axis, radius, combine, shape);
+}
+
 // What was in `out` must not matter, not even a NaN.
 TYPED_TEST(SeparableConvolution, ReplacesWhateverWasThere) {
   const Lattice<2> lattice{{70, 3}, {1, 1}, {}};
-  const std::vector<TypeParam> in(lattice.sites(), TypeParam(1)), taps = {1, 2, 4};
+  const std::vector<TypeParam> in(lattice.sites(), TypeParam(1));
+  const AxisTaps<TypeParam> taps({1, 2, 4});
   for (int axis : {0, 1}) {
     std::vector<TypeParam> out(lattice.sites(), std::numeric_limits<TypeParam>::quiet_NaN());
     convolve_axis<2, TypeParam>(lattice, 1, axis, taps, Combine::Replace, in.data(), out.data());
@@ -79,21 +112,19 @@ TYPED_TEST(SeparableConvolution, GivesTheSameForFieldsThatAreZeroNearlyEverywher
   const std::size_t count = 3 * lattice.sites();
   const KernelTaps taps = cell_averaged_taps(*make_wendland_profile(5), 1.0);
   const std::vector<double> before = testing::random_values(count, 1);
+  const AxisTaps<TypeParam> row(taps.slope);
   for (std::size_t at : {std::size_t{0}, count / 2, count - 3})
-    for (ConvolutionMethod method : {ConvolutionMethod::Direct, ConvolutionMethod::Moments})
-      for (Combine combine : {Combine::Replace, Combine::Add})
-        for (int axis = 0; axis < 3; ++axis) {
-          std::vector<TypeParam> sparse(count, TypeParam(0)),
-              dense(count, std::numeric_limits<TypeParam>::denorm_min());
-          sparse[at] = dense[at] = TypeParam(0.7);
-          sparse[at + 2] = dense[at + 2] = TypeParam(-0.2);
-          std::vector<TypeParam> out(before.begin(), before.end()), expected = out;
-          const AxisTaps<TypeParam> row(taps.slope, taps.slope_runs, taps.degree - 1, method);
-          convolve_axis<3, TypeParam>(lattice, 3, axis, row, combine, sparse.data(), out.data());
-          convolve_axis<3, TypeParam>(lattice, 3, axis, row, combine, dense.data(), expected.data());
-          for (std::size_t i = 0; i < count; ++i)
-            ASSERT_NEAR(out[i], expected[i], 4 * std::numeric_limits<TypeParam>::epsilon()) << "at " << i;
-        }
+    for (Combine combine : {Combine::Replace, Combine::Add})
+      for (int axis = 0; axis < 3; ++axis) {
+        std::vector<TypeParam> sparse(count, TypeParam(0)), dense(count, std::numeric_limits<TypeParam>::denorm_min());
+        sparse[at] = dense[at] = TypeParam(0.7);
+        sparse[at + 2] = dense[at + 2] = TypeParam(-0.2);
+        std::vector<TypeParam> out(before.begin(), before.end()), expected = out;
+        convolve_axis<3, TypeParam>(lattice, 3, axis, row, combine, sparse.data(), out.data());
+        convolve_axis<3, TypeParam>(lattice, 3, axis, row, combine, dense.data(), expected.data());
+        for (std::size_t i = 0; i < count; ++i)
+          ASSERT_NEAR(out[i], expected[i], 4 * std::numeric_limits<TypeParam>::epsilon()) << "at " << i;
+      }
 }
 
 // Oracle: the same on the whole field, with 0 where nothing is given. What stands outside the blocks is a NaN.
@@ -108,10 +139,10 @@ void expect_blocks_of_the_whole(const Lattice<Dim>& lattice) {
   const auto all = BlockMask<Dim>::all(lattice), none = BlockMask<Dim>::none(lattice);
   for (double width : {2.0, 9.0}) {
     const KernelTaps taps = cell_averaged_taps(*make_wendland_profile(width), 1.0);
-    for (ConvolutionMethod method : {ConvolutionMethod::Direct, ConvolutionMethod::Moments})
+    for (const std::vector<double>& values_of_row : {taps.value, taps.slope, random_row(4, Shape::Any)})
       for (int axis = 0; axis < Dim; ++axis)
         for (std::uint64_t seed = 1; seed < 6; ++seed) {
-          const AxisTaps<T> row(taps.slope, taps.slope_runs, taps.degree - 1, method);
+          const AxisTaps<T> row(values_of_row);
           const BlockMask<Dim> in_at = seed == 1   ? all
                                        : seed == 2 ? none
                                                    : testing::random_blocks<Dim>(lattice, seed, 0.3);
@@ -140,6 +171,40 @@ TYPED_TEST(SeparableConvolution, ReadsAndWritesTheGivenBlocksOnly) {
   expect_blocks_of_the_whole<2, TypeParam>({{41, 23}, {1, 1}, {}});
   expect_blocks_of_the_whole<2, TypeParam>({{2, 37}, {1, 1}, {}});
   expect_blocks_of_the_whole<3, TypeParam>({{22, 13, 31}, {1, 1, 1}, {}});
+}
+
+TYPED_TEST(SeparableConvolution, GivesTheSameBitsForAnyNumberOfThreads) {
+  const Lattice<3> lattice{{37, 23, 19}, {1, 1, 1}, {}};
+  const std::vector<double> values = testing::random_values(3 * lattice.sites(), 7);
+  const std::vector<TypeParam> in(values.begin(), values.end());
+  const testing::ManyThreads many;
+  for (Shape shape : kShapes)
+    for (int axis = 0; axis < 3; ++axis) {
+      std::vector<TypeParam> results[2];
+      for (int threads : {1, 2}) {
+        omp_set_num_threads(threads);
+        results[threads - 1].resize(in.size());
+        convolve_axis<3, TypeParam>(lattice, 3, axis, AxisTaps<TypeParam>(random_row(8, shape)), Combine::Replace,
+                                    in.data(), results[threads - 1].data());
+      }
+      EXPECT_EQ(results[0], results[1]) << "along " << axis;
+    }
+}
+
+// Far from everything that is not zero nothing is left, not even a rounding error; and what an ill number does stays
+// where taps reach.
+TYPED_TEST(SeparableConvolution, CarriesNothingAlongTheLine) {
+  const Lattice<2> lattice{{300, 4}, {1, 1}, {}};
+  const AxisTaps<TypeParam> taps(random_row(9, Shape::OddAfter));
+  std::vector<TypeParam> in(2 * lattice.sites(), TypeParam(0)), out(in.size(), TypeParam(1));
+  in[2 * (300 + 50)] = std::numeric_limits<TypeParam>::quiet_NaN();
+  convolve_axis<2, TypeParam>(lattice, 2, 0, taps, Combine::Replace, in.data(), out.data());
+  EXPECT_TRUE(std::isnan(out[2 * (300 + 55)]));
+  for (int i = 0; i < 300; ++i) {
+    if (std::abs(i - 50) > 9) {
+      ASSERT_EQ(out[static_cast<std::size_t>(2 * (300 + i))], TypeParam(0)) << i;
+    }
+  }
 }
 
 }  // namespace

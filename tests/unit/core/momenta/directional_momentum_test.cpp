@@ -19,7 +19,7 @@ using testing::random_values;
 /// Random unit vectors, 0 at every fourth site.
 template <int Dim>
 Field<double> random_directions(std::size_t sites, std::uint64_t seed) {
-  Field<double> w = random_values(Dim * sites, seed);
+  Field<double> w = testing::random_field(Dim * sites, seed);
   for (std::size_t site = 0; site < sites; ++site) {
     double square = 0;
     for (int c = 0; c < Dim; ++c) square += w[Dim * site + c] * w[Dim * site + c];

@@ -38,6 +38,7 @@ Lattice<Dim> small_lattice() {
 
 template <int Dim>
 void expect_taylor_slope_two(const Case& test) {
+  using testing::random_field;
   using testing::random_values;
   using testing::random_waves;
   omp_set_num_threads(1);  // small problems: threads would only wait for each other
@@ -51,9 +52,9 @@ void expect_taylor_slope_two(const Case& test) {
   options.momenta.regularisation = options.momenta.first_order_regularisation = 0.05;
   if (test.orientations > 0) options.momenta.orientations = Dim == 2 ? 8 : 13;
   options.flow.coarsening = test.coarsening;
-  std::vector<double> directions;  // any unit vectors, and none here and there
+  Field<double> directions;  // any unit vectors, and none here and there
   if (test.model == Model::Directional) {
-    directions = random_values(Dim * lattice.sites(), 71);  // a seed whose scene has no kink within the steps below
+    directions = random_field(Dim * lattice.sites(), 71);  // a seed whose scene has no kink within the steps below
     for (std::size_t site = 0; site < lattice.sites(); ++site) {
       Eigen::Map<Vector<Dim>> w(directions.data() + Dim * site);
       w = site % 5 == 0 ? Vector<Dim>::Zero() : Vector<Dim>(w.normalized());

@@ -33,7 +33,7 @@ void expect_the_normal_of_a_step(const Vector<Dim>& normal, bool is_found) {
   Vector<Dim> middle, jump = Vector<Dim>::Unit(0);
   for (int a = 0; a < Dim; ++a) middle[a] = (lattice.size[a] - 1) * lattice.spacing[a] / 2;
   jump -= jump.dot(normal) * normal;
-  std::vector<double> velocity(Dim * lattice.sites());
+  Field<double> velocity(Dim * lattice.sites());
   const auto distance = [&](const Index<Dim>& index) {
     double sum = 0;
     for (int a = 0; a < Dim; ++a) sum += normal[a] * (index[a] * lattice.spacing[a] - middle[a]);
@@ -81,7 +81,7 @@ TEST(InterfaceNormals, LeaveTheAxesToThemselves) {
 
 TEST(InterfaceNormals, AreNoneWhereNothingMoves) {
   const Lattice<2> lattice{{9, 9}, {1, 1}, {}};
-  const std::vector<float> still(2 * lattice.sites(), 0.5f);
+  const Field<float> still(2 * lattice.sites(), 0.5f);
   const auto found = InterfaceNormals<2, float>(lattice, still).on(lattice);
   for (float value : found.values) EXPECT_EQ(value, 0);
   EXPECT_EQ(found.oblique_share, 0);

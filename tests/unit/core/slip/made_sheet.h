@@ -79,9 +79,21 @@ class MadeSheet {
   const MomentumScale<Dim, float>& scale() const { return *scale_; }
 
   /// The slip surface on a fixed image of the lattice's samples, in the frame turned and moved as `grid` says.
+  /// The moving image covers what `start` makes of the fixed one.
   SlipSurface<Dim> surface(const ImageGrid<Dim>& grid, const AffineMap<Dim>& start = {}) const {
+    ImageGrid<Dim> moving = grid;
+    moving.origin = start(grid.origin);
+    for (int a = 0; a < Dim; ++a) {
+      const Vector<Dim> axis = start.linear * grid.direction.col(a);
+      moving.spacing[a] *= axis.norm();
+      moving.direction.col(a) = axis.normalized();
+    }
+    return surface(grid, start, moving);
+  }
+  SlipSurface<Dim> surface(const ImageGrid<Dim>& grid, const AffineMap<Dim>& start,
+                           const ImageGrid<Dim>& moving) const {
     const Field<float> backward = backward_map<Dim, float>(lattice_, lattice_, velocities_);
-    return measure_slip<Dim>(elements(), {lattice_, velocities_, grid, backward, start});
+    return measure_slip<Dim>(elements(), {lattice_, velocities_, grid, backward, start, moving});
   }
   SlipSurface<Dim> surface() const { return surface(grid()); }
   ImageGrid<Dim> grid() const {

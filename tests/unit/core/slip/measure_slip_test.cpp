@@ -227,6 +227,26 @@ MadeSheet<2> oblique_line(double along, double across, int time_steps = 2) {
       time_steps);
 }
 
+// A line that stays, 3 samples from where images may end.
+TEST(MeasureSlip, LeavesOutWhatImagesDoNotTell) {
+  const auto at_x = [](double x) {
+    return MadeSheet<2>(
+        lattice_of_size<2>(61), [=](const Vector<2>& at) { return at[0] - x; },
+        [](const Vector<2>&) { return Vector<2>(1, 0); }, [](const Vector<2>&) { return Vector<2>(0, 4); });
+  };
+  EXPECT_TRUE(at_x(57).surface().points.empty()) << "the fixed image ends";
+  const MadeSheet<2> inner = at_x(30);
+  const SlipSurface<2> whole = inner.surface();
+  EXPECT_NEAR(summarise(whole).area, 60, 3);
+  ImageGrid<2> moving = inner.grid();
+  moving.size[0] = 34;
+  EXPECT_TRUE(inner.surface(inner.grid(), {}, moving).points.empty()) << "the moving image ends";
+  // Of a line that leaves the images most is told, so all of it is there.
+  moving = inner.grid();
+  moving.size[1] = 40;
+  EXPECT_EQ(inner.surface(inner.grid(), {}, moving).points.size(), whole.points.size());
+}
+
 // The same motion in a world that is turned, moved and stretched on the way to the moving image.
 TEST(MeasureSlip, GoesThroughDirectionsAndAffineStart) {
   const MadeSheet<2> made = oblique_line(4, 0);
@@ -289,7 +309,7 @@ TEST(MeasureSlip, TellsGapsFromOverlaps) {
     grid.size = options.lattice.size;
     const Field<float> backward = backward_map<2, float>(options.lattice, options.lattice, shooting.velocities());
     const SlipSurface<2> surface = measure_slip<2>(jump_elements<2, float>(scale, momenta),
-                                                   {options.lattice, shooting.velocities(), grid, backward, {}});
+                                                   {options.lattice, shooting.velocities(), grid, backward, {}, grid});
     int count = 0;
     for (const SlipPoint<2>& point : surface.points) {
       if (std::abs(point.position[0] - 24) > 12) continue;
