@@ -7,57 +7,65 @@
 
 namespace saltus {
 
-/// to[x] = the sum of `rows` values first[x], first[x + row_stride], ..., for `count` of them.
-template <class T>
-void sum_rows(int rows, std::size_t row_stride, const T* first, std::size_t count, T* to) {
-  constexpr std::size_t lanes = kRegisterLanes<T>;
-  std::size_t x = 0;
-  for (; x + 2 * lanes <= count; x += 2 * lanes) {
-    const T* from = first + x;
-    Register<T> low = load(from), high = load(from + lanes);
-    for (int row = 1; row < rows; ++row) {
-      from += row_stride;
-      low += load(from);
-      high += load(from + lanes);
-    }
-    store(low, to + x);
-    store(high, to + x + lanes);
-  }
-  for (; x < count; ++x) {
-    T sum = first[x];
-    for (int row = 1; row < rows; ++row) sum += first[x + static_cast<std::size_t>(row) * row_stride];
-    to[x] = sum;
-  }
-}
+/// Sums over windows of 2 Radius + 1 neighbours along rows of several quantities, a register after the other:
+/// neighbours are lanes of the registers beside it, so that nothing is loaded twice.
+template <int Radius, std::size_t Quantities, class T>
+class RowWindow {
+ public:
+  static constexpr int kMostRadius = 4;  ///< lanes of the narrowest register
+  static_assert(0 <= Radius && Radius <= kMostRadius);
 
-template <int Width, class T>
-void sum_known_width(std::size_t count, const T* padded, T* out) {
-#pragma omp simd
-  for (std::size_t x = 0; x < count; ++x) {
-    T sum = padded[x];
-    for (int j = 1; j < Width; ++j) sum += padded[x + j];
-    out[x] = sum;
+  /// `rows` are `stride` apart. Unless the radius is 0, a register before the one where it begins is read, and one
+  /// after the last.
+  [[gnu::always_inline]] RowWindow(const T* rows, std::size_t stride, std::size_t begin) : stride_(stride) {
+    next_ = rows + begin;
+    if constexpr (Radius > 0) {
+#pragma GCC unroll 6
+      for (std::size_t k = 0; k < Quantities; ++k) {
+        here_[k] = load(next_ + k * stride_);
+        before_[k] = followers(load(next_ + k * stride_ - kRegisterLanes<T>), here_[k]);
+      }
+    }
   }
-}
+
+  [[gnu::always_inline]] void next(Register<T> (&sums)[Quantities]) {
+    if constexpr (Radius > 0) next_ += kRegisterLanes<T>;
+#pragma GCC unroll 6
+    for (std::size_t k = 0; k < Quantities; ++k) {
+      const Register<T> entering = load(next_ + k * stride_);
+      if constexpr (Radius == 0) {
+        sums[k] = entering;
+      } else {
+        const Register<T> own = followers(here_[k], entering);
+        sums[k] = shifted<static_cast<int>(kRegisterLanes<T>) - Radius, T>(before_[k], own) +
+                  (own + shifted<Radius, T>(here_[k], entering));
+        before_[k] = own;
+        here_[k] = entering;
+      }
+    }
+    if constexpr (Radius == 0) next_ += kRegisterLanes<T>;
+  }
+
+ private:
+  /// Each lane and the `Radius` - 1 that follow it.
+  [[gnu::always_inline]] static Register<T> followers(const Register<T>& here, const Register<T>& next) {
+    Register<T> sum = here;
+    if constexpr (Radius > 1) sum += shifted<1, T>(here, next);
+    if constexpr (Radius > 2) sum += shifted<2, T>(here, next);
+    if constexpr (Radius > 3) sum += shifted<3, T>(here, next);
+    return sum;
+  }
+
+  const T* next_;
+  std::size_t stride_;
+  Register<T> here_[Quantities], before_[Quantities];
+};
 
 /// out[x] = sum of padded[x + j] over 0 <= j <= 2 radius, for `count` values x. `padded` has count + 2 radius values
 /// and is overwritten. Sums of 1, 2, 4, ... neighbours are put together, so nothing is carried along the row and the
 /// cost grows with the logarithm of the radius.
 template <class T>
 void sum_along_row(std::size_t count, int radius, T* padded, T* out) {
-  switch (radius) {
-    case 0:
-      std::copy_n(padded, count, out);
-      return;
-    case 1:
-      return sum_known_width<3>(count, padded, out);
-    case 2:
-      return sum_known_width<5>(count, padded, out);
-    case 3:
-      return sum_known_width<7>(count, padded, out);
-    default:
-      break;
-  }
   const std::size_t width = 2 * static_cast<std::size_t>(radius) + 1;
   std::size_t summed = 0;  // neighbours that are in `out`
   std::fill_n(out, count, T(0));

@@ -1,7 +1,9 @@
 #pragma once
 
+#include <cmath>
 #include <cstddef>
 #include <cstring>
+#include <utility>
 
 namespace saltus {
 
@@ -33,6 +35,39 @@ template <class T>
 template <class T>
 [[gnu::always_inline]] inline void store(const Register<T>& values, T* to) {
   std::memcpy(to, &values, sizeof values);
+}
+
+/// The first `count` values alone, or all if that is more.
+template <class T>
+[[gnu::always_inline]] inline Register<T> load_first(std::size_t count, const T* from, T other) {
+  if (count >= kRegisterLanes<T>) return load(from);
+  T lanes[kRegisterLanes<T>];
+  for (std::size_t i = 0; i < kRegisterLanes<T>; ++i) lanes[i] = i < count ? from[i] : other;
+  return load(lanes);
+}
+template <class T>
+[[gnu::always_inline]] inline void store_first(std::size_t count, const Register<T>& values, T* to) {
+  if (count >= kRegisterLanes<T>) return store<T>(values, to);
+  for (std::size_t i = 0; i < count; ++i) to[i] = values[i];
+}
+
+template <int By, class T, int... Lane>
+[[gnu::always_inline]] inline Register<T> shifted_lanes(const Register<T>& low, const Register<T>& high,
+                                                        std::integer_sequence<int, Lane...>) {
+  return __builtin_shufflevector(low, high, (Lane + By)...);
+}
+/// Of the lanes of both, one after the other, those from `By` on.
+template <int By, class T>
+[[gnu::always_inline]] inline Register<T> shifted(const Register<T>& low, const Register<T>& high) {
+  return shifted_lanes<By, T>(low, high, std::make_integer_sequence<int, static_cast<int>(kRegisterLanes<T>)>());
+}
+
+template <class T>
+[[gnu::always_inline]] inline Register<T> square_root(const Register<T>& values) {
+  T lanes[kRegisterLanes<T>];  // which the compiler sees through
+  store<T>(values, lanes);
+  for (T& lane : lanes) lane = std::sqrt(lane);
+  return load(lanes);
 }
 
 }  // namespace saltus

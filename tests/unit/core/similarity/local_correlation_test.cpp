@@ -1,5 +1,7 @@
 #include <gtest/gtest.h>
 
+#include <omp.h>
+
 #include <cmath>
 #include <limits>
 
@@ -211,6 +213,107 @@ TEST(LocalCorrelation, TilesDoNotShow) {
       slope += gradient[i] * turn[i] + weight_gradient[i] * 0.01 * shown[i];
     const double h = 1e-4;
     EXPECT_NEAR((energy_at(h) - energy_at(-h)) / (2 * h), slope, 1e-6 * std::abs(slope) + 1e-7 * expected);
+  }
+}
+
+/// Every window term by term, in double: the energy, and what each window adds to the slope at each of its samples.
+double window_by_window(const Lattice<3>& lattice, const Index<3>& radius, double floor,
+                        const std::vector<double>& fixed, const std::vector<double>& warped,
+                        const std::vector<double>& weights, std::vector<double>& gradient) {
+  gradient.assign(lattice.sites(), 0);
+  double energy = 0;
+  for (int slab = 0; slab < lattice.size[2]; ++slab)
+    visit_slab<3>(lattice, slab, [&](const Index<3>& centre, std::size_t at) {
+      const auto visit = [&](auto&& sample) {
+        for (int z = std::max(0, centre[2] - radius[2]); z <= std::min(lattice.size[2] - 1, centre[2] + radius[2]); ++z)
+          for (int y = std::max(0, centre[1] - radius[1]); y <= std::min(lattice.size[1] - 1, centre[1] + radius[1]);
+               ++y)
+            for (int x = std::max(0, centre[0] - radius[0]); x <= std::min(lattice.size[0] - 1, centre[0] + radius[0]);
+                 ++x)
+              sample(static_cast<std::size_t>(x + lattice.size[0] * (y + lattice.size[1] * z)));
+      };
+      double sum = 0, f = 0, w = 0, var_f = floor * floor, var_w = floor * floor, cov = 0;
+      visit([&](std::size_t i) { sum += weights[i], f += weights[i] * fixed[i], w += weights[i] * warped[i]; });
+      if (sum < 1e-6) return void(energy += weights[at]);
+      f /= sum, w /= sum;
+      visit([&](std::size_t i) {
+        const double share = weights[i] / sum, df = fixed[i] - f, dw = warped[i] - w;
+        var_f += share * df * df, var_w += share * dw * dw, cov += share * df * dw;
+      });
+      const double q = 1 / std::sqrt(var_f * var_w), c = cov * q;
+      energy += weights[at] * (1 - c);
+      visit([&](std::size_t i) {
+        gradient[i] -= weights[at] * weights[i] / sum * (q * (fixed[i] - f) - c / var_w * (warped[i] - w));
+      });
+    });
+  return energy;
+}
+
+template <class T>
+void expect_window_by_window(const Lattice<3>& lattice, double radius_mm, bool is_weighted, double tolerance) {
+  Index<3> radius;
+  for (int axis = 0; axis < 3; ++axis)
+    radius[axis] =
+        lattice.size[axis] < 2 ? 0 : std::max(1, static_cast<int>(std::lround(radius_mm / lattice.spacing[axis])));
+  const std::vector<double> waves = testing::random_waves<3>(lattice, 4), others = testing::random_waves<3>(lattice, 5);
+  const std::vector<T> fixed(waves.begin(), waves.end()), warped(others.begin(), others.end());
+  std::vector<T> weights(lattice.sites(), T(1)), gradient(lattice.sites());
+  if (is_weighted) {
+    const std::vector<double> some = testing::random_values(lattice.sites(), 6, 0.5);
+    for (std::size_t i = 0; i < weights.size(); ++i) weights[i] = static_cast<T>(std::max(0.0, some[i] + 0.3));
+  }
+  const double energy =
+      make_local_correlation<3, T>(lattice, radius_mm, 0.05)
+          ->evaluate(fixed.data(), warped.data(), is_weighted ? weights.data() : nullptr, gradient.data(), nullptr);
+  std::vector<double> expected;
+  const double volume = lattice.cell_volume();
+  const double sum =
+      volume * window_by_window(lattice, radius, 0.05, {fixed.begin(), fixed.end()}, {warped.begin(), warped.end()},
+                                {weights.begin(), weights.end()}, expected);
+  EXPECT_NEAR(energy, sum, tolerance * sum);
+  double largest = 0;
+  for (double slope : expected) largest = std::max(largest, volume * std::abs(slope));
+  for (std::size_t i = 0; i < expected.size(); ++i)
+    ASSERT_NEAR(gradient[i], volume * expected[i], 10 * tolerance * largest) << i;
+}
+
+// Rows that do and do not fill the registers, and of several strips; axes shorter than a window, and of one sample;
+// windows of each radius that is summed in a way of its own, and of different ones along the axes.
+TEST(LocalCorrelation, EqualsTheSumOverWindowsForEveryWayToSumThem) {
+  const std::vector<Lattice<3>> lattices{{{16, 9, 8}, {1, 1, 1}, {}},    {{17, 6, 7}, {1, 1, 1}, {}},
+                                         {{37, 10, 9}, {1, 1.5, 3}, {}}, {{3, 2, 4}, {1, 1, 1}, {}},
+                                         {{1, 12, 9}, {1, 1, 1}, {}},    {{12, 1, 9}, {1, 1, 1}, {}},
+                                         {{40, 9, 1}, {1, 1, 1}, {}},    {{403, 3, 3}, {1, 1, 1}, {}}};
+  for (const Lattice<3>& lattice : lattices)
+    for (int radius = 1; radius <= 6; ++radius)
+      for (bool is_weighted : {false, true}) {
+        SCOPED_TRACE(::testing::Message() << lattice.size[0] << " x " << lattice.size[1] << " x " << lattice.size[2]
+                                          << ", " << radius << (is_weighted ? ", weighted" : ""));
+        expect_window_by_window<double>(lattice, radius, is_weighted, 1e-11);
+        expect_window_by_window<float>(lattice, radius, is_weighted, 1e-5);
+      }
+}
+
+TEST(LocalCorrelation, HasTheSameBitsForAnyNumberOfThreads) {
+  const Lattice<3> lattice{{210, 61, 70}, {1, 1, 1}, {}};
+  const std::vector<double> waves = testing::random_waves<3>(lattice, 4), others = testing::random_waves<3>(lattice, 5);
+  const std::vector<float> fixed(waves.begin(), waves.end()), warped(others.begin(), others.end()),
+      weights(lattice.sites(), 0.7f);
+  const int threads = omp_get_max_threads();
+  for (const float* w : {static_cast<const float*>(nullptr), weights.data()}) {
+    std::vector<std::vector<float>> gradients;
+    std::vector<double> energies;
+    for (int count : {1, 2, 5}) {
+      omp_set_num_threads(count);
+      gradients.emplace_back(lattice.sites());
+      energies.push_back(make_local_correlation<3, float>(lattice, 2, 0.05)
+                             ->evaluate(fixed.data(), warped.data(), w, gradients.back().data(), nullptr));
+    }
+    omp_set_num_threads(threads);
+    for (std::size_t i = 1; i < energies.size(); ++i) {
+      EXPECT_EQ(energies[i], energies[0]);
+      EXPECT_TRUE(gradients[i] == gradients[0]);
+    }
   }
 }
 
