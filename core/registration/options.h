@@ -97,6 +97,9 @@ struct RegistrationOptions {
   struct Optimisation {
     int max_iterations = 60;  ///< per level
     double tolerance = 1e-3;  ///< a level ends when five iterations give less than this share of its total decrease
+    /// The same of a round with first orders that another one follows, where larger: it is there for the weights that
+    /// the next one is made with.
+    double round_tolerance = 0;
     double optimality_tolerance = 1e-3;  ///< a level ends when the optimality residual is this share of its first
     int history = 6;                     ///< pairs kept by L-BFGS
   } optimisation;

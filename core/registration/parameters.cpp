@@ -413,6 +413,10 @@ const std::vector<Parameter>& parameters() {
           "a level ends when five iterations give less than this share of its decrease",
           [](O & o) -> auto& { return o.optimisation.tolerance; }),
       real(
+          "round_tolerance", "", 0, Lower::Inclusive, 1,
+          "the same of a round with first-order momenta that another one follows, where larger than tolerance",
+          [](O & o) -> auto& { return o.optimisation.round_tolerance; }),
+      real(
           "optimality_tolerance", "", 0, Lower::Inclusive, 1,
           "a level ends when the optimality residual falls to this share of its first value",
           [](O & o) -> auto& { return o.optimisation.optimality_tolerance; }),

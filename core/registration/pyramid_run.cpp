@@ -84,6 +84,13 @@ bool PyramidRun<Dim>::has_first_at(int level) const {
                      [&](const auto& placed) { return placed.level >= level && placed.scale->has_first_order(); });
 }
 
+/// Whether first-order momenta are left of the levels before.
+template <int Dim>
+bool PyramidRun<Dim>::has_found() const {
+  return !summary_.levels.empty() &&
+         (summary_.levels.back().active_block_share > 0 || summary_.levels.back().oriented_elements > 0);
+}
+
 /// Whether first orders promise there what is asked of them.
 template <int Dim>
 bool PyramidRun<Dim>::is_enough(const FirstOrderPromise& promise, int level) const {
@@ -96,7 +103,7 @@ bool PyramidRun<Dim>::is_enough(const FirstOrderPromise& promise, int level) con
 /// Of a level that has not begun, in sites evaluated.
 template <int Dim>
 double PyramidRun<Dim>::planned_work(int level, bool lets_in) const {
-  const std::size_t rounds = lets_in ? sparsity_rounds(options_.momenta, has_first_at(level)).size() : 1;
+  const std::size_t rounds = lets_in ? sparsity_rounds(options_.momenta, has_first_at(level), has_found()).size() : 1;
   return static_cast<double>(pyramid_.lattice(level).sites()) * static_cast<double>(rounds) *
          (std::min(usual_iterations, options_.optimisation.max_iterations) + 1);
 }
@@ -152,7 +159,7 @@ void PyramidRun<Dim>::begin_level(std::size_t step) {
   decides_ = has_first_ && options_.momenta.first_order_gain > 0 &&
              std::none_of(summary_.levels.begin(), summary_.levels.end(),
                           [&](const LevelSummary& before) { return before.decision == FirstOrderDecision::LetIn; });
-  rounds_ = sparsity_rounds(options_.momenta, has_first_);
+  rounds_ = sparsity_rounds(options_.momenta, has_first_, has_found());
   if (decides_ && !options_.momenta.first_order_waits)
     rounds_.insert(rounds_.begin(), {SparsityRound::Weights::Even, 1, false});
 
@@ -259,6 +266,9 @@ template <int Dim>
 void PyramidRun<Dim>::minimise_round(std::size_t round) {
   round_watch_ = Stopwatch();
   round_work_ = 0;
+  how_.tolerance = round + 1 < rounds_.size() && rounds_[round].lets_blocks_join
+                       ? std::max(options_.optimisation.tolerance, options_.optimisation.round_tolerance)
+                       : options_.optimisation.tolerance;
   how_.decrease_before = 0;
   if (round > 0 && options_.momenta.first_order_waits) {
     // A round in which first orders waited minimised the same energy, unless order 0 got another weight after it;

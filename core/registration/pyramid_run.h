@@ -56,6 +56,7 @@ class PyramidRun {
   void end_level();
   bool is_smooth(const SparsityRound& round) const;
   bool has_first_at(int level) const;
+  bool has_found() const;
   bool is_enough(const FirstOrderPromise& promise, int level) const;
   double planned_work(int level, bool lets_in) const;
   void make_objective(const SparsityRound& round);

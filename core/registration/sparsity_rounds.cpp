@@ -4,12 +4,15 @@
 
 namespace saltus {
 
-std::vector<SparsityRound> sparsity_rounds(const RegistrationOptions::Momenta& momenta, bool has_first_order) {
+std::vector<SparsityRound> sparsity_rounds(const RegistrationOptions::Momenta& momenta, bool has_first_order,
+                                           bool has_found) {
   using Weights = SparsityRound::Weights;
   if (!has_first_order || momenta.sparsity == 0) return {{Weights::Even, 1}};
   std::vector<SparsityRound> rounds;
   if (momenta.first_order_waits) rounds.push_back({Weights::Even, 1, false});
-  for (int k = momenta.sparsity_path - 1; k >= 0; --k) rounds.push_back({Weights::Even, std::ldexp(1.0, k)});
+  const bool has_path = !has_found || momenta.reweighted_rounds == 0;
+  for (int k = momenta.sparsity_path - 1; k >= 0 && has_path; --k)
+    rounds.push_back({Weights::Even, std::ldexp(1.0, k)});
   for (int k = 0; k < momenta.reweighted_rounds; ++k) rounds.push_back({Weights::Reweighted, 1});
   if (momenta.debias) rounds.push_back({Weights::Debiased, 1});
   return rounds;

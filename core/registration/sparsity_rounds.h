@@ -11,7 +11,8 @@ namespace saltus {
 struct SparsityRound {
   enum class Weights {
     Even,        ///< lambda times `factor` for every group
-    Reweighted,  ///< lambda times a factor from the momenta of the round before, see momenta/reweighting.h
+    Reweighted,  ///< lambda times a factor from the momenta of the round before, see momenta/reweighting.h; where a
+                 ///< scale has none yet, from those of a coarser one
     Debiased     ///< 0 on the support of the round before, infinite elsewhere: the shrinkage of the norm is taken back
   };
   Weights weights = Weights::Even;
@@ -20,7 +21,9 @@ struct SparsityRound {
 };
 
 /// The rounds of a level: where first orders wait, one in which none appear; the path of weights lambda 2^(n-1), ..., 2
-/// lambda, lambda, then the reweighted rounds, then the debiasing round. Without first-order momenta one round.
-std::vector<SparsityRound> sparsity_rounds(const RegistrationOptions::Momenta& momenta, bool has_first_order);
+/// lambda, lambda, then the reweighted rounds, then the debiasing round. Where a coarser level `has_found` first
+/// orders, the reweighted rounds know already where, and there is no path. Without first-order momenta one round.
+std::vector<SparsityRound> sparsity_rounds(const RegistrationOptions::Momenta& momenta, bool has_first_order,
+                                           bool has_found);
 
 }  // namespace saltus

@@ -142,7 +142,8 @@ class WorkingSet {
   };
   void lay_out();
   void gather_factors();
-  void weigh_with_oriented(const SparsityRound& round, std::size_t scale, const std::vector<T>& x);
+  std::vector<std::vector<float>> sizes_of(std::size_t scale, const std::vector<T>& x) const;
+  std::vector<std::vector<float>> reweighted(std::size_t scale, const std::vector<T>& x) const;
   void list_candidates(std::size_t scale, const std::vector<T>& x);
   bool wanted_blocks(MinimiserState<T>& state, std::vector<std::vector<char>>& wanted);
   template <class IsSo>

@@ -3,50 +3,48 @@
 #include "core/momenta/reweighting.h"
 #include "core/support/errors.h"
 
+#include <algorithm>
 #include <cmath>
 
 namespace saltus {
 
-template <int Dim, class T>
-void WorkingSet<Dim, T>::weigh(const SparsityRound& round, const std::vector<T>& x) {
-  lets_blocks_join_ = round.lets_blocks_join;
-  for (std::size_t s = 0; s < scales_.size(); ++s) {
-    if (first_[s].fields == 0) continue;
-    const Lattice<Dim>& lattice = scales_[s]->lattice();
-    const int fields = first_[s].fields;
-    std::vector<std::vector<float>> factors;
-    if (oriented_[s].momenta) {
-      factors_[oriented_[s].range].clear();
-      if (!oriented_[s].momenta->turned().empty() || !oriented_[s].active.empty()) {
-        weigh_with_oriented(round, s, x);
-        continue;
-      }
-    }
-    switch (round.weights) {
-      case SparsityRound::Weights::Even:
-        factors.assign(fields, std::vector<float>(round.factor == 1 ? 0 : lattice.sites(), round.factor));
-        break;
-      case SparsityRound::Weights::Reweighted:
-        factors = reweighted_factors<Dim, T>(lattice, all_sites(s, x), fields);
-        break;
-      case SparsityRound::Weights::Debiased:
-        factors = support_factors<Dim, T>(lattice, all_sites(s, x), fields);
-        break;
-    }
-    std::move(factors.begin(), factors.end(), factors_.begin() + static_cast<std::ptrdiff_t>(first_[s].range));
-  }
-  gather_factors();
+namespace {
+
+using Lists = std::vector<std::vector<float>>;
+
+bool are_zero(const Lists& lists) {
+  return std::all_of(lists.begin(), lists.end(), [](const std::vector<float>& list) {
+    return std::all_of(list.begin(), list.end(), [](float value) { return value == 0; });
+  });
 }
 
-/// The same for a scale with oriented momenta: all its first orders, oriented or not, are judged together.
+/// Of the nearest sites of another lattice.
+template <int Dim>
+Lists carried(const Lattice<Dim>& from, const Lists& lists, const Lattice<Dim>& to) {
+  Lists result(lists.size(), std::vector<float>(to.sites()));
+  for (int slab = 0; slab < to.size[Dim - 1]; ++slab)
+    visit_slab<Dim>(to, slab, [&](const Index<Dim>& index, std::size_t site) {
+      std::size_t at = 0, stride = 1;
+      for (int a = 0; a < Dim; ++a) {
+        const double x = (to.offset[a] + index[a] * to.spacing[a] - from.offset[a]) / from.spacing[a];
+        at += stride * static_cast<std::size_t>(std::clamp(std::lround(x), 0l, from.size[a] - 1l));
+        stride *= static_cast<std::size_t>(from.size[a]);
+      }
+      for (std::size_t k = 0; k < lists.size(); ++k) result[k][site] = lists[k][at];
+    });
+  return result;
+}
+
+}  // namespace
+
+/// Of the first orders of a scale, oriented or not, at all sites: |m_i| by field, then |m| by normal.
 template <int Dim, class T>
-void WorkingSet<Dim, T>::weigh_with_oriented(const SparsityRound& round, std::size_t scale, const std::vector<T>& x) {
+std::vector<std::vector<float>> WorkingSet<Dim, T>::sizes_of(std::size_t scale, const std::vector<T>& x) const {
   const FirstOrder& first = first_[scale];
   const Oriented& oriented = oriented_[scale];
-  const Lattice<Dim>& lattice = scales_[scale]->lattice();
-  const std::size_t normals = oriented.momenta->options().normals.size(), sites = lattice.sites();
-  std::vector<std::vector<float>> sizes = momentum_sizes<Dim, T>(lattice, all_sites(scale, x), first.fields);
-  sizes.resize(first.fields + normals, std::vector<float>(sites, 0.0f));
+  Lists sizes = momentum_sizes<Dim, T>(scales_[scale]->lattice(), all_sites(scale, x), first.fields);
+  if (!oriented.momenta) return sizes;
+  sizes.resize(first.fields + oriented.momenta->options().normals.size(), std::vector<float>(sizes[0].size(), 0.0f));
   const T* values = x.data() + sparsity_[oriented.range].begin;
   for (std::size_t e = 0; e < oriented.active.size(); ++e) {
     double square = 0;
@@ -55,24 +53,63 @@ void WorkingSet<Dim, T>::weigh_with_oriented(const SparsityRound& round, std::si
     sizes[first.fields + oriented.momenta->normal_of(element)][oriented.momenta->site_of(element)] =
         static_cast<float>(std::sqrt(square));
   }
-  std::vector<std::vector<float>> factors;
-  switch (round.weights) {
-    case SparsityRound::Weights::Even:
-      factors.assign(sizes.size(), std::vector<float>(round.factor == 1 ? 0 : sites, static_cast<float>(round.factor)));
-      break;
-    case SparsityRound::Weights::Reweighted:
-      factors = reweighted_factors<Dim>(lattice, std::move(sizes));
-      break;
-    case SparsityRound::Weights::Debiased:
-      factors = support_factors(std::move(sizes));
-      break;
+  return sizes;
+}
+
+/// Factors by size, see reweighted_factors. A scale that has no first orders yet takes them from one that has: of its
+/// m_i field by field; of its elements, whose normals may be others, from all that is there.
+template <int Dim, class T>
+std::vector<std::vector<float>> WorkingSet<Dim, T>::reweighted(std::size_t scale, const std::vector<T>& x) const {
+  const Lattice<Dim>& lattice = scales_[scale]->lattice();
+  const std::size_t fields = static_cast<std::size_t>(first_[scale].fields);
+  Lists sizes = sizes_of(scale, x);
+  for (std::size_t s = 0; are_zero(sizes) && s < scales_.size(); ++s) {
+    if (first_[s].fields != first_[scale].fields) continue;
+    Lists others = sizes_of(s, x);
+    if (others.size() != sizes.size() || are_zero(others)) continue;
+    if (others.size() > fields) {
+      std::vector<float> all = others[0];
+      for (const std::vector<float>& list : others)
+        for (std::size_t site = 0; site < all.size(); ++site) all[site] = std::max(all[site], list[site]);
+      std::fill(others.begin() + static_cast<std::ptrdiff_t>(fields), others.end(), all);
+    }
+    const Lattice<Dim>& from = scales_[s]->lattice();
+    return carried<Dim>(from, reweighted_factors<Dim>(from, std::move(others)), lattice);
   }
-  std::vector<float>& together = factors_[oriented.range];
-  together.clear();
-  for (std::size_t n = 0; n < normals; ++n)
-    together.insert(together.end(), factors[first.fields + n].begin(), factors[first.fields + n].end());
-  std::move(factors.begin(), factors.begin() + first.fields,
-            factors_.begin() + static_cast<std::ptrdiff_t>(first.range));
+  return reweighted_factors<Dim>(lattice, std::move(sizes));
+}
+
+template <int Dim, class T>
+void WorkingSet<Dim, T>::weigh(const SparsityRound& round, const std::vector<T>& x) {
+  lets_blocks_join_ = round.lets_blocks_join;
+  for (std::size_t s = 0; s < scales_.size(); ++s) {
+    if (first_[s].fields == 0) continue;
+    const std::size_t fields = static_cast<std::size_t>(first_[s].fields), sites = scales_[s]->lattice().sites();
+    const Oriented& oriented = oriented_[s];
+    const std::size_t lists = fields + (oriented.momenta ? oriented.momenta->options().normals.size() : 0);
+    Lists factors;
+    switch (round.weights) {
+      case SparsityRound::Weights::Even:
+        factors.assign(lists, std::vector<float>(round.factor == 1 ? 0 : sites, static_cast<float>(round.factor)));
+        break;
+      case SparsityRound::Weights::Reweighted:
+        factors = reweighted(s, x);
+        break;
+      case SparsityRound::Weights::Debiased:
+        factors = support_factors(sizes_of(s, x));
+        break;
+    }
+    if (oriented.momenta) {  // those of all normals in one list; where there are no elements, none are needed
+      std::vector<float>& together = factors_[oriented.range];
+      together.clear();
+      if (!oriented.momenta->turned().empty() || !oriented.active.empty())
+        for (std::size_t n = fields; n < lists; ++n)
+          together.insert(together.end(), factors[n].begin(), factors[n].end());
+    }
+    std::move(factors.begin(), factors.begin() + static_cast<std::ptrdiff_t>(fields),
+              factors_.begin() + static_cast<std::ptrdiff_t>(first_[s].range));
+  }
+  gather_factors();
 }
 
 template <int Dim, class T>
