@@ -23,8 +23,6 @@ KernelTaps cell_averaged_taps(const KernelProfile& profile, double h) {
     if (is_compact && (std::abs(t) - 1) * h >= support) taps.value.back() = taps.curvature.back() = 0;
     if (is_compact && (std::abs(t - 0.5) - 1) * h >= support) taps.slope_gram.back() = 0;
   }
-  // What mirrors them about 1/2 is no tap; both are beyond the support.
-  taps.slope.front() = taps.slope_gram.front() = 0;
   return taps;
 }
 

@@ -239,6 +239,7 @@ void PyramidRun<Dim>::run_rounds() {
         is_resumed_ = false;
       } else {
         if (round == 1 && decides_ && !first_orders_are_worth_it()) break;
+        if (round == 1 && !decides_ && !would_join()) break;
         begin_round(round);
       }
       minimise_round(round);
@@ -309,6 +310,20 @@ bool PyramidRun<Dim>::first_orders_are_worth_it() {
     for (std::size_t step = step_; step < levels_.size(); ++step)
       meter_.expect(step, planned_work(levels_[step], true));
   return is_worth_it;
+}
+
+/// Where first orders waited and there are none yet: whether any wants to be there. If not, the next rounds would go on
+/// with what has settled.
+template <int Dim>
+bool PyramidRun<Dim>::would_join() {
+  if (rounds_[0].lets_blocks_join || has_found() || options_.model == Model::Directional) return true;
+  std::vector<Scalar>& momenta = reached_.minimiser.x;
+  make_objective(rounds_[1]);
+  objective_->working_set().weigh(rounds_[1], momenta);
+  const bool is_wanted = objective_->first_order_promise(momenta).gain > 0;
+  ++level_.evaluations;
+  if (!is_wanted) make_objective(rounds_[0]);
+  return is_wanted;
 }
 
 /// From here on order 0 has the weight that it has beside first orders, and momenta that make the same velocity.

@@ -62,6 +62,7 @@ class PyramidRun {
   void make_objective(const SparsityRound& round);
   void choose_map_steps();
   bool first_orders_are_worth_it();
+  bool would_join();
   void begin_beside_first_orders();
   void begin_round(std::size_t round);
   void minimise_round(std::size_t round);

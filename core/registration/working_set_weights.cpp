@@ -18,6 +18,10 @@ bool are_zero(const Lists& lists) {
   });
 }
 
+/// By how much the m_i of a coarser lattice make those of a finer one cheaper, at most: it knows about where they are,
+/// and beside oriented momenta those that are steps should not be favoured.
+constexpr float kLeastCarried = 0.6f;
+
 /// Of the nearest sites of another lattice.
 template <int Dim>
 Lists carried(const Lattice<Dim>& from, const Lists& lists, const Lattice<Dim>& to) {
@@ -74,7 +78,10 @@ std::vector<std::vector<float>> WorkingSet<Dim, T>::reweighted(std::size_t scale
       std::fill(others.begin() + static_cast<std::ptrdiff_t>(fields), others.end(), all);
     }
     const Lattice<Dim>& from = scales_[s]->lattice();
-    return carried<Dim>(from, reweighted_factors<Dim>(from, std::move(others)), lattice);
+    Lists factors = reweighted_factors<Dim>(from, std::move(others));
+    for (std::size_t field = 0; field < fields; ++field)
+      for (float& factor : factors[field]) factor = std::max(factor, kLeastCarried);
+    return carried<Dim>(from, factors, lattice);
   }
   return reweighted_factors<Dim>(lattice, std::move(sizes));
 }

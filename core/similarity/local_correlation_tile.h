@@ -185,13 +185,15 @@ class CorrelationSweep {
     foresee(fixed, row);
     foresee(warped, row);
     const T middle_f = scene_.middle_fixed, middle_w = scene_.middle_warped;
+    T ones[kLanes];
+    std::fill_n(ones, kLanes, T(1));
     const auto take = [&](std::size_t x, const auto& read) {
       const Lanes f = read(fixed + x, middle_f) - middle_f, w = read(warped + x, middle_w) - middle_w;
       if constexpr (Sums == 5) {
         store<T>(f, to);
         store<T>(w, to + kLanes);
       } else {
-        const Lanes weight = read(scene_.weights + first + x, T(0));
+        const Lanes weight = read(scene_.weights ? scene_.weights + first + x : ones, T(0));
         store<T>(weight != 0 ? f : Lanes{}, to);
         store<T>(weight != 0 ? w : Lanes{}, to + kLanes);
         store<T>(weight, to + 2 * kLanes);

@@ -92,8 +92,9 @@ struct Slip {
   Phantom<2> phantom;
   RegistrationInput<2> input;
 
-  Slip() {
+  explicit Slip(std::uint64_t seed = 1) {
     PhantomOptions options = default_phantom_options(PhantomKind::Slip);
+    options.seed = seed;
     options.size = {64, 64, 1};
     options.angle_deg = 25;
     phantom = make_phantom<2>(options);
@@ -118,9 +119,13 @@ RegistrationOptions oriented_options(int orientations = 8) {
 }
 
 TEST(OrientedModel, HalvesTheErrorBesideAnInterfaceThatIsOblique) {
-  const Slip slip;
-  const double without = slip.error_near_interface(oriented_options(0)),
-               with = slip.error_near_interface(oriented_options());
+  // What noise and texture make of one pair is chance.
+  double without = 0, with = 0;
+  for (std::uint64_t seed : {1, 2, 3, 4, 5, 6, 7, 8}) {
+    const Slip slip(seed);
+    without += slip.error_near_interface(oriented_options(0));
+    with += slip.error_near_interface(oriented_options());
+  }
   EXPECT_LT(with, 0.75 * without) << with << " and " << without;
 }
 
