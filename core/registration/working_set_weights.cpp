@@ -67,11 +67,14 @@ std::vector<std::vector<float>> WorkingSet<Dim, T>::reweighted(std::size_t scale
   const Lattice<Dim>& lattice = scales_[scale]->lattice();
   const std::size_t fields = static_cast<std::size_t>(first_[scale].fields);
   Lists sizes = sizes_of(scale, x);
-  for (std::size_t s = 0; are_zero(sizes) && s < scales_.size(); ++s) {
-    if (first_[s].fields != first_[scale].fields) continue;
+  if (!are_zero(sizes)) return reweighted_factors<Dim>(lattice, std::move(sizes));
+  const std::size_t lists = sizes.size();
+  sizes = {};  // they are large, and what comes next is as well
+  for (std::size_t s = 0; s < scales_.size(); ++s) {
+    if (s == scale || first_[s].fields != first_[scale].fields) continue;
     Lists others = sizes_of(s, x);
-    if (others.size() != sizes.size() || are_zero(others)) continue;
-    if (others.size() > fields) {
+    if (others.size() != lists || are_zero(others)) continue;
+    if (lists > fields) {
       std::vector<float> all = others[0];
       for (const std::vector<float>& list : others)
         for (std::size_t site = 0; site < all.size(); ++site) all[site] = std::max(all[site], list[site]);
@@ -83,7 +86,7 @@ std::vector<std::vector<float>> WorkingSet<Dim, T>::reweighted(std::size_t scale
       for (float& factor : factors[field]) factor = std::max(factor, kLeastCarried);
     return carried<Dim>(from, factors, lattice);
   }
-  return reweighted_factors<Dim>(lattice, std::move(sizes));
+  return reweighted_factors<Dim>(lattice, Lists(lists, std::vector<float>(lattice.sites(), 0.0f)));
 }
 
 template <int Dim, class T>

@@ -1,0 +1,165 @@
+// Which rounds a level has, what their weights begin from, and when one ends that another follows.
+#include "core/registration/sparsity_rounds.h"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+
+#include "core/momenta/reweighting.h"
+#include "core/phantom/make_phantom.h"
+#include "core/registration/register_images.h"
+#include "core/registration/scales.h"
+#include "core/registration/working_set.h"
+
+namespace saltus {
+namespace {
+
+using Weights = SparsityRound::Weights;
+
+std::vector<Weights> weights_of(const std::vector<SparsityRound>& rounds) {
+  std::vector<Weights> weights;
+  for (const SparsityRound& round : rounds) weights.push_back(round.weights);
+  return weights;
+}
+
+TEST(SparsityRounds, HaveNoPathWhereACoarserLevelFoundFirstOrders) {
+  RegistrationOptions::Momenta momenta;
+  momenta.sparsity = 1e-3;
+  momenta.sparsity_path = 2;
+  momenta.reweighted_rounds = 1;
+  momenta.first_order_waits = true;
+  const auto rounds = sparsity_rounds(momenta, true, false);
+  EXPECT_EQ(weights_of(rounds),
+            (std::vector<Weights>{Weights::Even, Weights::Even, Weights::Even, Weights::Reweighted}));
+  EXPECT_FALSE(rounds[0].lets_blocks_join);
+  EXPECT_EQ(rounds[1].factor, 2);
+  EXPECT_EQ(rounds[2].factor, 1);
+  EXPECT_EQ(weights_of(sparsity_rounds(momenta, true, true)),
+            (std::vector<Weights>{Weights::Even, Weights::Reweighted}));
+  // Nothing but even weights to begin with.
+  momenta.reweighted_rounds = 0;
+  EXPECT_EQ(sparsity_rounds(momenta, true, true).size(), 3u);
+  EXPECT_EQ(sparsity_rounds(momenta, false, true).size(), 1u);
+}
+
+/// Two scales with first orders, the second twice as coarse.
+struct TwoScales {
+  Lattice<2> lattice{{24, 20}, {1, 1}, {}};
+  std::vector<PlacedScale<2, double>> placed;
+  std::vector<MomentumScale<2, double>*> scales;
+
+  TwoScales() {
+    RegistrationOptions options = default_options(Model::Wendland1, SimilarityType::Ssd, Preset::Balanced);
+    options.momenta.width_voxels = 4;
+    options.momenta.scales = options.momenta.first_order_scales = 2;
+    options.momenta.finest_scale = options.momenta.first_order_finest_scale = 0;
+    options.momenta.regularisation = options.momenta.first_order_regularisation = 1e-3;
+    placed = make_scales<2, double>(lattice, options, {});
+    for (auto& scale : placed) scales.push_back(scale.scale.get());
+  }
+};
+
+// What a scale without momenta is given: oracle, reweighted_factors of the other one's at the nearest sites.
+TEST(SparsityWeights, OfAScaleWithoutMomentaComeFromOneThatHasThem) {
+  TwoScales scene;
+  ASSERT_EQ(scene.scales.size(), 2u);
+  const int fine = scene.scales[0]->lattice().sites() > scene.scales[1]->lattice().sites() ? 0 : 1, coarse = 1 - fine;
+  const Lattice<2>&from = scene.scales[coarse]->lattice(), &to = scene.scales[fine]->lattice();
+  ASSERT_LT(from.sites(), to.sites());
+  WorkingSet<2, double> set(scene.scales, 1e-3, 0.5);
+  std::vector<double> x(set.size(), 0.0);
+  const auto& ranges = set.sparsity();
+  ASSERT_EQ(ranges.size(), 4u);  // by scale and axis, all blocks active
+  const std::size_t site = 5 * static_cast<std::size_t>(from.size[0]) + 6;
+  x[ranges[2 * coarse + 1].begin + 2 * site] = 0.7;  // m_1, along the first axis
+  set.weigh({Weights::Reweighted, 1}, x);
+
+  std::vector<double> first(2 * 2 * from.sites(), 0.0);
+  first[2 * from.sites() + 2 * site] = 0.7;
+  const auto expected = reweighted_factors<2, double>(from, first.data());
+  std::size_t favoured = 0;
+  for (int field = 0; field < 2; ++field) {
+    const std::vector<float>& own = set.weights()[2 * fine + field];
+    ASSERT_EQ(own.size(), to.sites());
+    EXPECT_EQ(set.weights()[2 * coarse + field], expected[field]) << "its own";
+    for (int y = 0; y < to.size[1]; ++y)
+      for (int i = 0; i < to.size[0]; ++i) {
+        const auto nearest = [&](int axis, int k) {
+          const double at = (to.offset[axis] + k * to.spacing[axis] - from.offset[axis]) / from.spacing[axis];
+          return std::clamp(static_cast<int>(std::lround(at)), 0, from.size[axis] - 1);
+        };
+        const float there = expected[field][static_cast<std::size_t>(nearest(1, y)) * from.size[0] + nearest(0, i)];
+        const float found = own[static_cast<std::size_t>(y) * to.size[0] + i];
+        EXPECT_EQ(found, std::max(there, 0.6f));
+        favoured += found < 1;
+      }
+  }
+  EXPECT_GT(favoured, 20u);
+  EXPECT_LT(favoured, 80u);
+}
+
+TEST(SparsityWeights, KeepEverythingSmallWhereNoScaleHasMomenta) {
+  TwoScales scene;
+  WorkingSet<2, double> set(scene.scales, 1e-3, 0.5);
+  set.weigh({Weights::Reweighted, 1}, std::vector<double>(set.size(), 0.0));
+  for (const std::vector<float>& list : set.weights())
+    for (float factor : list) ASSERT_NEAR(factor, 1 / 0.15, 1e-5);
+}
+
+RegistrationInput<2> slip() {
+  PhantomOptions options = default_phantom_options(PhantomKind::Slip);
+  options.size = {64, 64, 1};
+  const Phantom<2> phantom = make_phantom<2>(options);
+  RegistrationInput<2> input;
+  input.fixed = phantom.fixed;
+  input.moving = phantom.moving;
+  return input;
+}
+
+/// Iterations of each round of the last level.
+std::vector<int> iterations_of(const RegistrationSummary& summary) {
+  std::vector<int> iterations(static_cast<std::size_t>(summary.levels.back().rounds));
+  for (const IterationRecord& record : summary.history)
+    if (record.level == summary.levels.back().level) ++iterations.at(static_cast<std::size_t>(record.round) - 1);
+  return iterations;
+}
+
+TEST(RoundTolerance, EndsRoundsThatOthersFollow) {
+  RegistrationOptions options = default_options(Model::Sliding, SimilarityType::Ssd, Preset::Balanced);
+  options.threads = 1;
+  options.pyramid.levels = 1;
+  options.momenta.full_contrast = 0;
+  options.optimisation.tolerance = 1e-3;
+  options.optimisation.round_tolerance = 0;
+  const std::vector<int> even = iterations_of(register_images<2>(slip(), options).summary);
+  options.optimisation.round_tolerance = 1;
+  const std::vector<int> ended = iterations_of(register_images<2>(slip(), options).summary);
+  ASSERT_EQ(even.size(), 3u);
+  ASSERT_EQ(ended.size(), 3u);
+  EXPECT_GT(even[0], 20);
+  for (int round : {0, 1}) EXPECT_LE(ended[round], 15) << "five iterations, and five after others have joined";
+  EXPECT_GT(ended[2], 20) << "the last one goes to the end";
+}
+
+TEST(RoundTolerance, FollowsTheContrast) {
+  const Lattice<2> image{{64, 64}, {1, 1}, {}};
+  const RegistrationOptions asked = default_options(Model::Sliding, SimilarityType::Ssd, Preset::Balanced);
+  const auto tolerance = [&](double contrast) {
+    return resolved(asked, image, {0, contrast}).optimisation.round_tolerance;
+  };
+  EXPECT_EQ(tolerance(1), asked.optimisation.round_tolerance);
+  EXPECT_LT(tolerance(0.25 * asked.momenta.full_contrast), 0.1 * asked.optimisation.round_tolerance);
+}
+
+// Where first orders waited and nothing pulls at them, no round goes on with what has settled.
+TEST(Rounds, AreLeftOutWhereNothingWouldJoin) {
+  RegistrationOptions options = default_options(Model::Sliding, SimilarityType::Lncc, Preset::Balanced);
+  options.threads = 1;
+  options.momenta.sparsity = 1e6;
+  for (const LevelSummary& level : register_images<2>(slip(), options).summary.levels) EXPECT_EQ(level.rounds, 1);
+  options.momenta.sparsity = 1e-3;
+  EXPECT_EQ(register_images<2>(slip(), options).summary.levels.back().rounds, 3);
+}
+
+}  // namespace
+}  // namespace saltus
