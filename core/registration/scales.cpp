@@ -42,7 +42,7 @@ LeastPromise least_promise(SimilarityType similarity, int dimension) {
   const auto everywhere = [](double gain, double shear) { return LeastPromise{gain, shear, gain, shear}; };
   switch (similarity) {
     case SimilarityType::Ssd:
-      return {2, 1.75, 0.1, 1.3};
+      return {2, 1.7, 0.1, 1.3};
     case SimilarityType::Lncc:
       return dimension == 2 ? everywhere(4.75, 0.6) : everywhere(0.1, 1.3);
     case SimilarityType::Ncc:
