@@ -41,7 +41,7 @@ AxisTaps<T>::AxisTaps(const std::vector<double>& taps) : radius_(static_cast<int
     even.push_back((taps[i] + mirror[i]) / 2);
     odd.push_back((taps[i] - mirror[i]) / 2);
   }
-  parts_ = {*mirrored<T>(even, Mirror::Even, 0), *mirrored<T>(odd, Mirror::Odd, 0)};
+  parts_ = {mirrored<T>(even, Mirror::Even, 0).value(), mirrored<T>(odd, Mirror::Odd, 0).value()};
 }
 
 std::vector<double> scaled(std::vector<double> taps, double factor) {

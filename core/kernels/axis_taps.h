@@ -26,7 +26,8 @@ struct MirroredTaps {
 };
 
 /// A row of taps for t = -radius..radius, ready to be applied along an axis: as the rows that are their own mirror
-/// images whose sum it is. Those of kernels and their derivatives are one such row to the last bit, others two.
+/// images whose sum it is. Those of kernels and their derivatives are one such row to the last bit (but for slopes of a
+/// kernel that is cut), others two. Taps are finite, and their number is odd.
 template <class T>
 class AxisTaps {
  public:

@@ -61,7 +61,8 @@ struct RegistrationOptions {
                                 ///< does not follow the noise
     double full_contrast = 0;   ///< of rms_gradient, intensity range a voxel of the finest level: with ssd, where an
                                 ///< image has less, lambda and regularisation_beside_first are less; 0: they are not
-    int sparsity_path = 1;  ///< weights lambda 2^(n-1), ..., lambda that a level is solved with, one after the other
+    int sparsity_path = 1;  ///< weights lambda 2^(n-1), ..., lambda that a level is solved with, one after the other;
+                            ///< none where a coarser one found first orders and reweighted_rounds follow
     int reweighted_rounds = 0;      ///< times that a level is solved again with weights made from the momenta found
     bool debias = false;            ///< a last round without sparsity on the momenta found
     std::vector<double> direction;  ///< of the derivative of model directional: a unit vector, world (LPS)
@@ -98,7 +99,7 @@ struct RegistrationOptions {
     int max_iterations = 60;  ///< per level
     double tolerance = 1e-3;  ///< a level ends when five iterations give less than this share of its total decrease
     /// The same of a round with first orders that another one follows, where larger: it is there for the weights that
-    /// the next one is made with.
+    /// the next one is made with. Follows the contrast as lambda does (full_contrast).
     double round_tolerance = 0;
     double optimality_tolerance = 1e-3;  ///< a level ends when the optimality residual is this share of its first
     int history = 6;                     ///< pairs kept by L-BFGS

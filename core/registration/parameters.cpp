@@ -288,7 +288,9 @@ const std::vector<Parameter>& parameters() {
           "quarter at least; 0: they do not follow it",
           [](O & o) -> auto& { return o.momenta.full_contrast; }),
       integer(
-          "sparsity_path", "", 1, 12, "weights that a level goes through, each half the one before, down to sparsity",
+          "sparsity_path", "", 1, 12,
+          "weights that a level goes through, each half the one before, down to sparsity; none where a coarser level "
+          "found first orders and reweighted rounds follow",
           [](O & o) -> auto& { return o.momenta.sparsity_path; }),
       integer(
           "reweighted_rounds", "", 0, 10,
@@ -414,7 +416,9 @@ const std::vector<Parameter>& parameters() {
           [](O & o) -> auto& { return o.optimisation.tolerance; }),
       real(
           "round_tolerance", "", 0, Lower::Inclusive, 1,
-          "the same of a round with first-order momenta that another one follows, where larger than tolerance",
+          "the same of a round with first-order momenta that another one follows, where larger than tolerance; follows "
+          "the "
+          "contrast, see full_contrast",
           [](O & o) -> auto& { return o.optimisation.round_tolerance; }),
       real(
           "optimality_tolerance", "", 0, Lower::Inclusive, 1,

@@ -163,6 +163,10 @@ void PyramidRun<Dim>::begin_level(std::size_t step) {
   if (decides_ && !options_.momenta.first_order_waits)
     rounds_.insert(rounds_.begin(), {SparsityRound::Weights::Even, 1, false});
 
+  if (is_resumed_ && static_cast<std::size_t>(level_.rounds) > rounds_.size())
+    throw InvalidInput("the checkpoint is damaged, it is of round " + std::to_string(level_.rounds) +
+                       " where there are " + std::to_string(rounds_.size()) + "; start again without it");
+
   now_ = {};
   now_.level = level_.level;
   now_.levels = static_cast<int>(levels_.size());
@@ -247,7 +251,7 @@ void PyramidRun<Dim>::run_rounds() {
     }
   } catch (const StopRequested&) {
     level_.termination = Termination::Stopped;
-    count_round();
+    if (!is_counted_) count_round();
   }
 }
 
@@ -267,6 +271,7 @@ template <int Dim>
 void PyramidRun<Dim>::minimise_round(std::size_t round) {
   round_watch_ = Stopwatch();
   round_work_ = 0;
+  is_counted_ = false;
   how_.tolerance = round + 1 < rounds_.size() && rounds_[round].lets_blocks_join
                        ? std::max(options_.optimisation.tolerance, options_.optimisation.round_tolerance)
                        : options_.optimisation.tolerance;
@@ -312,14 +317,15 @@ bool PyramidRun<Dim>::first_orders_are_worth_it() {
   return is_worth_it;
 }
 
-/// Where first orders waited and there are none yet: whether any wants to be there. If not, the next rounds would go on
-/// with what has settled.
+/// Where first orders waited and there are none yet: whether any wants to be there, with the least weight that is to
+/// come. If not, the next rounds would go on with what has settled. Directions and oriented momenta cannot be asked.
 template <int Dim>
 bool PyramidRun<Dim>::would_join() {
   if (rounds_[0].lets_blocks_join || has_found() || options_.model == Model::Directional) return true;
   std::vector<Scalar>& momenta = reached_.minimiser.x;
   make_objective(rounds_[1]);
-  objective_->working_set().weigh(rounds_[1], momenta);
+  if (objective_->working_set().has_oriented()) return true;
+  objective_->working_set().weigh({}, momenta);
   const bool is_wanted = objective_->first_order_promise(momenta).gain > 0;
   ++level_.evaluations;
   if (!is_wanted) make_objective(rounds_[0]);
@@ -357,6 +363,8 @@ void PyramidRun<Dim>::end_level() {
   count_level_time(level_);
   summary_.termination = level_.termination;
   summary_.levels.push_back(level_);
+  for (std::size_t step = step_ + 1; step < levels_.size() && has_found(); ++step)
+    meter_.expect(step, planned_work(levels_[step], true));
 }
 
 /// Of the next level, from what this one has found.
@@ -377,6 +385,7 @@ void PyramidRun<Dim>::choose_map_steps() {
 template <int Dim>
 void PyramidRun<Dim>::count_round() {
   const MinimiserState<Scalar>& state = reached_.minimiser;
+  is_counted_ = true;
   level_.iterations += state.iterations();
   level_.evaluations += state.evaluations;
   if (!state.has_begun()) return;

@@ -106,6 +106,7 @@ class PyramidRun {
   std::unique_ptr<Stopwatch> watch_;
   double level_seconds_before_ = 0, level_cpu_seconds_before_ = 0;
   Stopwatch round_watch_;
+  bool is_counted_ = false;      ///< the round at hand, in level_
   double round_work_ = 0;        ///< since the round began, in the meter's unit
   double seconds_per_work_ = 0;  ///< 0 while unknown
   double counted_ = 0;           ///< share of the evaluation at hand that the meter has

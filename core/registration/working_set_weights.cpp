@@ -41,13 +41,20 @@ Lists carried(const Lattice<Dim>& from, const Lists& lists, const Lattice<Dim>& 
 
 }  // namespace
 
-/// Of the first orders of a scale, oriented or not, at all sites: |m_i| by field, then |m| by normal.
+/// Whether a scale has oriented momenta that are turned, or are there.
+template <int Dim, class T>
+bool WorkingSet<Dim, T>::has_elements(std::size_t scale) const {
+  const Oriented& oriented = oriented_[scale];
+  return oriented.momenta && (!oriented.momenta->turned().empty() || !oriented.active.empty());
+}
+
+/// Of the first orders of a scale at all sites: |m_i| by field, then, where it has elements, |m| by normal.
 template <int Dim, class T>
 std::vector<std::vector<float>> WorkingSet<Dim, T>::sizes_of(std::size_t scale, const std::vector<T>& x) const {
   const FirstOrder& first = first_[scale];
   const Oriented& oriented = oriented_[scale];
   Lists sizes = momentum_sizes<Dim, T>(scales_[scale]->lattice(), all_sites(scale, x), first.fields);
-  if (!oriented.momenta) return sizes;
+  if (!has_elements(scale)) return sizes;
   sizes.resize(first.fields + oriented.momenta->options().normals.size(), std::vector<float>(sizes[0].size(), 0.0f));
   const T* values = x.data() + sparsity_[oriented.range].begin;
   for (std::size_t e = 0; e < oriented.active.size(); ++e) {
@@ -60,8 +67,9 @@ std::vector<std::vector<float>> WorkingSet<Dim, T>::sizes_of(std::size_t scale, 
   return sizes;
 }
 
-/// Factors by size, see reweighted_factors. A scale that has no first orders yet takes them from one that has: of its
-/// m_i field by field; of its elements, whose normals may be others, from all that is there.
+/// Factors by size, see reweighted_factors, in lists as those of sizes_of. A scale that has no first orders yet takes
+/// them from the next coarser one that has: of its m_i field by field; of its elements, whose normals may be others,
+/// from all that is there. Where there is none either they are 1 (empty lists).
 template <int Dim, class T>
 std::vector<std::vector<float>> WorkingSet<Dim, T>::reweighted(std::size_t scale, const std::vector<T>& x) const {
   const Lattice<Dim>& lattice = scales_[scale]->lattice();
@@ -70,23 +78,24 @@ std::vector<std::vector<float>> WorkingSet<Dim, T>::reweighted(std::size_t scale
   if (!are_zero(sizes)) return reweighted_factors<Dim>(lattice, std::move(sizes));
   const std::size_t lists = sizes.size();
   sizes = {};  // they are large, and what comes next is as well
-  for (std::size_t s = 0; s < scales_.size(); ++s) {
-    if (s == scale || first_[s].fields != first_[scale].fields) continue;
-    Lists others = sizes_of(s, x);
-    if (others.size() != lists || are_zero(others)) continue;
-    if (lists > fields) {
-      std::vector<float> all = others[0];
-      for (const std::vector<float>& list : others)
-        for (std::size_t site = 0; site < all.size(); ++site) all[site] = std::max(all[site], list[site]);
-      std::fill(others.begin() + static_cast<std::ptrdiff_t>(fields), others.end(), all);
-    }
-    const Lattice<Dim>& from = scales_[s]->lattice();
+  for (std::size_t coarser = scale; coarser-- > 0;) {
+    if (static_cast<std::size_t>(first_[coarser].fields) != fields) continue;
+    Lists others = sizes_of(coarser, x);
+    if (are_zero(others)) continue;
+    std::vector<float> all = others[0];
+    for (const std::vector<float>& list : others)
+      for (std::size_t site = 0; site < all.size(); ++site) all[site] = std::max(all[site], list[site]);
+    others.resize(fields);
+    if (lists > fields) others.push_back(std::move(all));
+    const Lattice<Dim>& from = scales_[coarser]->lattice();
     Lists factors = reweighted_factors<Dim>(from, std::move(others));
     for (std::size_t field = 0; field < fields; ++field)
       for (float& factor : factors[field]) factor = std::max(factor, kLeastCarried);
-    return carried<Dim>(from, factors, lattice);
+    factors = carried<Dim>(from, factors, lattice);
+    if (lists > fields) factors.resize(lists, std::vector<float>(factors.back()));
+    return factors;
   }
-  return reweighted_factors<Dim>(lattice, Lists(lists, std::vector<float>(lattice.sites(), 0.0f)));
+  return Lists(lists);
 }
 
 template <int Dim, class T>
@@ -96,7 +105,7 @@ void WorkingSet<Dim, T>::weigh(const SparsityRound& round, const std::vector<T>&
     if (first_[s].fields == 0) continue;
     const std::size_t fields = static_cast<std::size_t>(first_[s].fields), sites = scales_[s]->lattice().sites();
     const Oriented& oriented = oriented_[s];
-    const std::size_t lists = fields + (oriented.momenta ? oriented.momenta->options().normals.size() : 0);
+    const std::size_t lists = fields + (has_elements(s) ? oriented.momenta->options().normals.size() : 0);
     Lists factors;
     switch (round.weights) {
       case SparsityRound::Weights::Even:
@@ -109,12 +118,11 @@ void WorkingSet<Dim, T>::weigh(const SparsityRound& round, const std::vector<T>&
         factors = support_factors(sizes_of(s, x));
         break;
     }
-    if (oriented.momenta) {  // those of all normals in one list; where there are no elements, none are needed
+    if (oriented.momenta) {  // those of all normals in one list
       std::vector<float>& together = factors_[oriented.range];
       together.clear();
-      if (!oriented.momenta->turned().empty() || !oriented.active.empty())
-        for (std::size_t n = fields; n < lists; ++n)
-          together.insert(together.end(), factors[n].begin(), factors[n].end());
+      for (std::size_t n = fields; n < lists; ++n)
+        together.insert(together.end(), factors[n].begin(), factors[n].end());
     }
     std::move(factors.begin(), factors.begin() + static_cast<std::ptrdiff_t>(fields),
               factors_.begin() + static_cast<std::ptrdiff_t>(first_[s].range));

@@ -36,8 +36,8 @@ struct SlipFlow {
 ///     (sampling, cell averages, momenta on neighbouring sites) is left out. That is exact for the jump of a C0
 ///     Wendland kernel, whose velocity is linear on either side, as long as no other sheet is as near as kFarthest.
 ///  4. A connected part is left out where images do not tell most of it: where a side has fewer than half of its
-///     samples in the fixed image and, carried along, in the moving one. Beside an image's end momenta may jump as they
-///     like.
+///     samples in the fixed image's grid and, carried along, in the moving one's (masks are not asked). Beside an
+///     image's end momenta may jump as they like.
 ///  5. The gap is the distance of the + side's piece, carried by u+, from the plane through the - side's pieces around
 ///     the nearest one, carried by u-: a jump along a curved surface has a part along its normal and opens nothing.
 ///

@@ -98,12 +98,23 @@ TEST(SparsityWeights, OfAScaleWithoutMomentaComeFromOneThatHasThem) {
   EXPECT_LT(favoured, 80u);
 }
 
-TEST(SparsityWeights, KeepEverythingSmallWhereNoScaleHasMomenta) {
+TEST(SparsityWeights, AreEvenWhereNoScaleHasMomenta) {
   TwoScales scene;
   WorkingSet<2, double> set(scene.scales, 1e-3, 0.5);
   set.weigh({Weights::Reweighted, 1}, std::vector<double>(set.size(), 0.0));
-  for (const std::vector<float>& list : set.weights())
-    for (float factor : list) ASSERT_NEAR(factor, 1 / 0.15, 1e-5);
+  for (const std::vector<float>& list : set.weights()) EXPECT_TRUE(list.empty());
+}
+
+// A finer scale says nothing of a coarser one.
+TEST(SparsityWeights, OfACoarserScaleDoNotComeFromAFinerOne) {
+  TwoScales scene;
+  ASSERT_LT(scene.scales[0]->lattice().sites(), scene.scales[1]->lattice().sites());
+  WorkingSet<2, double> set(scene.scales, 1e-3, 0.5);
+  std::vector<double> x(set.size(), 0.0);
+  x[set.sparsity()[2].begin + 40] = 0.7;
+  set.weigh({Weights::Reweighted, 1}, x);
+  EXPECT_TRUE(set.weights()[0].empty());
+  EXPECT_FALSE(set.weights()[2].empty());
 }
 
 RegistrationInput<2> slip() {
@@ -158,6 +169,20 @@ TEST(Rounds, AreLeftOutWhereNothingWouldJoin) {
   options.momenta.sparsity = 1e6;
   for (const LevelSummary& level : register_images<2>(slip(), options).summary.levels) EXPECT_EQ(level.rounds, 1);
   options.momenta.sparsity = 1e-3;
+  EXPECT_EQ(register_images<2>(slip(), options).summary.levels.back().rounds, 3);
+  // The first weight of a path may be too large for any, and a later one not.
+  options.momenta.sparsity_path = 12;
+  const LevelSummary last = register_images<2>(slip(), options).summary.levels.back();
+  EXPECT_EQ(last.rounds, 14);
+  EXPECT_GT(last.active_block_share, 0);
+}
+
+// Elements have a weight of their own, so that the m_i do not speak for them.
+TEST(Rounds, AreNotLeftOutWhereElementsMayJoin) {
+  RegistrationOptions options = default_options(Model::Sliding, SimilarityType::Lncc, Preset::Balanced);
+  options.threads = 1;
+  options.momenta.sparsity = 1e6;
+  options.momenta.orientations = 8;
   EXPECT_EQ(register_images<2>(slip(), options).summary.levels.back().rounds, 3);
 }
 
