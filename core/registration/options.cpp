@@ -143,6 +143,7 @@ RegistrationOptions default_options(Model model, SimilarityType similarity, Pres
     o.optimisation.tolerance = preset == Preset::Fast ? 5e-2 : preset == Preset::Balanced ? 2e-2 : 5e-3;
     o.momenta.full_contrast = 0.04;
     o.optimisation.round_tolerance = 0.1;
+    o.optimisation.look_tolerance = 0.02;
   }
   if (similarity != SimilarityType::Ssd) {
     // One step of the momenta and a short run lose nothing on the liver images (core/README.md, "Time steps" and

@@ -101,6 +101,9 @@ struct RegistrationOptions {
     /// The same of a round with first orders that another one follows, where larger: it is there for the weights that
     /// the next one is made with. Follows the contrast as lambda does (full_contrast).
     double round_tolerance = 0;
+    /// The same of a round without first orders after which it is asked what they would gain, where smaller than
+    /// `tolerance`; 0: that. What order 0 has not settled pulls at first orders as well.
+    double look_tolerance = 0;
     double optimality_tolerance = 1e-3;  ///< a level ends when the optimality residual is this share of its first
     int history = 6;                     ///< pairs kept by L-BFGS
   } optimisation;

@@ -421,6 +421,11 @@ const std::vector<Parameter>& parameters() {
           "contrast, see full_contrast",
           [](O & o) -> auto& { return o.optimisation.round_tolerance; }),
       real(
+          "look_tolerance", "", 0, Lower::Inclusive, 1,
+          "the same of a round without first-order momenta after which it is asked what they would gain, where smaller "
+          "than tolerance; 0: that",
+          [](O & o) -> auto& { return o.optimisation.look_tolerance; }),
+      real(
           "optimality_tolerance", "", 0, Lower::Inclusive, 1,
           "a level ends when the optimality residual falls to this share of its first value",
           [](O & o) -> auto& { return o.optimisation.optimality_tolerance; }),

@@ -272,9 +272,12 @@ void PyramidRun<Dim>::minimise_round(std::size_t round) {
   round_watch_ = Stopwatch();
   round_work_ = 0;
   is_counted_ = false;
-  how_.tolerance = round + 1 < rounds_.size() && rounds_[round].lets_blocks_join
-                       ? std::max(options_.optimisation.tolerance, options_.optimisation.round_tolerance)
-                       : options_.optimisation.tolerance;
+  const RegistrationOptions::Optimisation& optimisation = options_.optimisation;
+  how_.tolerance = optimisation.tolerance;
+  if (round + 1 < rounds_.size() && rounds_[round].lets_blocks_join)
+    how_.tolerance = std::max(how_.tolerance, optimisation.round_tolerance);
+  else if (round == 0 && decides_ && optimisation.look_tolerance > 0)
+    how_.tolerance = std::min(how_.tolerance, optimisation.look_tolerance);
   how_.decrease_before = 0;
   if (round > 0 && options_.momenta.first_order_waits) {
     // A round in which first orders waited minimised the same energy, unless order 0 got another weight after it;

@@ -162,6 +162,24 @@ TEST(RoundTolerance, FollowsTheContrast) {
   EXPECT_LT(tolerance(0.25 * asked.momenta.full_contrast), 0.1 * asked.optimisation.round_tolerance);
 }
 
+// Order 0 goes on as long as asked before the look, and not longer where a level is more exact anyhow.
+TEST(LookTolerance, LetsOrderZeroSettleBeforeFirstOrdersAreAskedFor) {
+  RegistrationOptions options = default_options(Model::Auto, SimilarityType::Ssd, Preset::Balanced);
+  options.threads = 1;
+  options.pyramid.levels = 1;
+  options.momenta.first_order_gain = options.momenta.first_order_finest_gain = 1e9;
+  const auto iterations = [&](double tolerance, double look_tolerance) {
+    options.optimisation.tolerance = tolerance;
+    options.optimisation.look_tolerance = look_tolerance;
+    const LevelSummary level = register_images<2>(slip(), options).summary.levels.back();
+    EXPECT_EQ(level.rounds, 1);
+    EXPECT_EQ(level.decision, FirstOrderDecision::LeftOut);
+    return level.iterations;
+  };
+  EXPECT_GT(iterations(0.5, 0.01), iterations(0.5, 0));
+  EXPECT_EQ(iterations(0.01, 0.5), iterations(0.01, 0));
+}
+
 // Where first orders waited and nothing pulls at them, no round goes on with what has settled.
 TEST(Rounds, AreLeftOutWhereNothingWouldJoin) {
   RegistrationOptions options = default_options(Model::Sliding, SimilarityType::Lncc, Preset::Balanced);
