@@ -58,7 +58,7 @@ class EndToEnd : public testing::Test {
   }
   static std::vector<std::string> of_some_seconds() {
     return {"--model", "sliding",       "--set", "coarsening=0",           "--set", "tolerance=0",
-            "--set",   "time_steps=64", "--set", "optimality_tolerance=0", "--set", "max_iterations=60"};
+            "--set",   "time_steps=64", "--set", "optimality_tolerance=0", "--set", "max_iterations=120"};
   }
   /// In many rounds: one may end as soon as nothing can be gained in single precision.
   static std::vector<std::string> of_minutes() {

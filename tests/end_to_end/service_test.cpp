@@ -193,7 +193,7 @@ class CheckpointTest : public ServerTest {
   }
   std::vector<std::string> long_enough() const {
     return {"--model", "sliding",       "--set", "coarsening=0",           "--set", "tolerance=0",
-            "--set",   "time_steps=64", "--set", "optimality_tolerance=0", "--set", "max_iterations=30"};
+            "--set",   "time_steps=64", "--set", "optimality_tolerance=0", "--set", "max_iterations=90"};
   }
 };
 
