@@ -26,6 +26,7 @@ bool is_all_zero(const T* values, std::size_t count) {
 /// Of what is left of `all` from `first` on, at most `most`.
 inline std::size_t at_most(std::size_t most, std::size_t all, std::size_t first) { return std::min(most, all - first); }
 
+/// Writes values, or adds them to what is there.
 template <class T>
 void put(const T* values, std::size_t count, bool adds, T* to) {
   if (!adds) return void(std::copy_n(values, count, to));

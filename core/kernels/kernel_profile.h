@@ -42,8 +42,8 @@ std::unique_ptr<KernelProfile> make_wendland_profile(double sigma_mm);
 /// The double averages make the Gram matrices of value and curvature positive semi-definite, and energies converge as
 /// h -> 0. No derivative of k0 is ever sampled: each tap is a difference of k0 or its antiderivatives.
 ///
-/// To the last bit value and curvature are even about t = 0; slope and slope_gram are odd about t = 1/2, but for the tap
-/// at -radius, which is not 0 where a kernel is cut.
+/// To the last bit value and curvature are even about t = 0; slope and slope_gram are odd about t = 1/2, but for the
+/// tap at -radius, which is not 0 where a kernel is cut.
 struct KernelTaps {
   int radius = 0;
   std::vector<double> value, slope, curvature, slope_gram;

@@ -67,22 +67,10 @@ std::vector<std::vector<float>> momentum_sizes(const Lattice<Dim>& lattice, cons
   return all;
 }
 
-template <int Dim, class T>
-std::vector<std::vector<float>> reweighted_factors(const Lattice<Dim>& lattice, const T* first, int fields) {
-  return reweighted_factors<Dim>(lattice, momentum_sizes<Dim, T>(lattice, first, fields));
-}
-
-template <int Dim, class T>
-std::vector<std::vector<float>> support_factors(const Lattice<Dim>& lattice, const T* first, int fields) {
-  return support_factors(momentum_sizes<Dim, T>(lattice, first, fields));
-}
-
 template std::vector<std::vector<float>> reweighted_factors(const Lattice<2>&, std::vector<std::vector<float>>);
 template std::vector<std::vector<float>> reweighted_factors(const Lattice<3>&, std::vector<std::vector<float>>);
-#define SALTUS_INSTANTIATE(DIM, T)                                                                 \
-  template std::vector<std::vector<float>> momentum_sizes(const Lattice<DIM>&, const T*, int);     \
-  template std::vector<std::vector<float>> reweighted_factors(const Lattice<DIM>&, const T*, int); \
-  template std::vector<std::vector<float>> support_factors(const Lattice<DIM>&, const T*, int)
+#define SALTUS_INSTANTIATE(DIM, T) \
+  template std::vector<std::vector<float>> momentum_sizes(const Lattice<DIM>&, const T*, int)
 SALTUS_INSTANTIATE(2, float);
 SALTUS_INSTANTIATE(3, float);
 SALTUS_INSTANTIATE(2, double);

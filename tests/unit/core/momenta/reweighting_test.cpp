@@ -19,11 +19,12 @@ struct Scene {
     first[2 * (2 * 7 + 3) + 1] = 4;
     first[2 * (35 + 34) + 1] = 1;
   }
+  std::vector<std::vector<float>> sizes() const { return momentum_sizes<2, double>(lattice, first.data(), 2); }
 };
 
 TEST(Reweighting, JudgesAGroupByItsNeighbourhood) {
   const Scene scene;
-  const auto factors = reweighted_factors<2, double>(scene.lattice, scene.first.data());
+  const auto factors = reweighted_factors<2>(scene.lattice, scene.sizes());
   ASSERT_EQ(factors.size(), 2u);
   for (int y = 0; y < 5; ++y)
     for (int x = 0; x < 7; ++x) {
@@ -36,13 +37,14 @@ TEST(Reweighting, JudgesAGroupByItsNeighbourhood) {
 TEST(Reweighting, RaisesAllWeightsAlikeWhereNothingMoves) {
   const Scene scene;
   const std::vector<double> none(scene.first.size(), 0);
-  for (const auto& axis : reweighted_factors<2, double>(scene.lattice, none.data()))
+  for (const auto& axis :
+       reweighted_factors<2>(scene.lattice, momentum_sizes<2, double>(scene.lattice, none.data(), 2)))
     for (float factor : axis) EXPECT_NEAR(factor, 1 / 0.15, 1e-5);
 }
 
 TEST(Reweighting, KeepsTheSupportAndNothingElse) {
   const Scene scene;
-  const auto factors = support_factors<2, double>(scene.lattice, scene.first.data());
+  const auto factors = support_factors(scene.sizes());
   for (int axis = 0; axis < 2; ++axis)
     for (std::size_t site = 0; site < 35; ++site) {
       const bool on_support = axis == 0 ? site == 2 * 7 + 3 : site == 34;

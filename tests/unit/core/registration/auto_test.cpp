@@ -7,9 +7,12 @@
 #include "core/registration/register_images.h"
 #include "core/registration/scales.h"
 #include "tests/support/checkpoint_bytes.h"
+#include "tests/support/phantom_pair.h"
 
 namespace saltus {
 namespace {
+
+using testing::pair_of;
 
 struct Outcome {
   FirstOrderDecision decision = FirstOrderDecision::None;  ///< of the last level that was asked
@@ -17,13 +20,6 @@ struct Outcome {
   double error_mm = 0;  ///< summed over the valid voxels
   int evaluations = 0;
 };
-
-RegistrationInput<2> pair_of(const Phantom<2>& phantom) {
-  RegistrationInput<2> input;
-  input.fixed = phantom.fixed;
-  input.moving = phantom.moving;
-  return input;
-}
 
 Outcome outcome_of(const Phantom<2>& phantom, const RegistrationOptions& options) {
   RegistrationInput<2> input = pair_of(phantom);

@@ -97,6 +97,19 @@ TEST(Checkpoint, ResumesInAnyRoundWithTheSameEnd) {
   resumes_anywhere<2>(plane(), options);
 }
 
+TEST(Checkpoint, IsRefusedWhereItIsOfARoundThatThereIsNot) {
+  const RegistrationOptions options = quick();
+  const std::uint64_t job = job_fingerprint(plane(), options);
+  Checkpoint reached = decoded(stopped_after<2>(plane(), options, 3), job);
+  reached.level.rounds = 40;
+  try {
+    register_images<2>(plane(), options, {}, {.resume = from(encoded(reached, job)), .offer = {}});
+    FAIL() << "it went on";
+  } catch (const InvalidInput& refused) {
+    EXPECT_THAT(refused.what(), HasSubstr("round 40"));
+  }
+}
+
 // With lncc as it is by default: kernels are sums of widths, whose shares follow the noise, and the weights of the last
 // round come from the momenta of the one before.
 TEST(Checkpoint, ResumesInAReweightedRoundWithSumsOfWidthsWithTheSameEnd) {

@@ -9,6 +9,7 @@
 #include "core/phantom/make_phantom.h"
 #include "core/registration/register_images.h"
 #include "tests/support/analytic_scene.h"
+#include "tests/support/phantom_pair.h"
 
 namespace saltus {
 namespace {
@@ -38,9 +39,7 @@ template <int Dim>
 void expect_consistent(const PhantomOptions& scene, Model model, int time_steps) {
   SCOPED_TRACE(to_string(scene.kind) + " " + to_string(model) + " " + std::to_string(time_steps));
   const Phantom<Dim> phantom = make_phantom<Dim>(scene);
-  RegistrationInput<Dim> input;
-  input.fixed = phantom.fixed;
-  input.moving = phantom.moving;
+  RegistrationInput<Dim> input = testing::pair_of(phantom);
   RegistrationOptions options = default_options(model, SimilarityType::Ssd, Preset::Balanced);
   options.optimisation.max_iterations = 25;
   options.flow.time_steps = time_steps;

@@ -7,6 +7,7 @@
 #include "core/phantom/make_phantom.h"
 #include "core/support/errors.h"
 #include "tests/support/analytic_scene.h"
+#include "tests/support/phantom_pair.h"
 
 namespace saltus {
 namespace {
@@ -23,8 +24,7 @@ struct Rectangle {
     scene.size = {48, 48, 1};
     scene.slip_mm = 4;
     phantom = make_phantom<2>(scene);
-    input.fixed = phantom.fixed;
-    input.moving = phantom.moving;
+    input = testing::pair_of(phantom);
     options.pyramid.levels = 2;
     options.pyramid.finest_level = 0;
     options.momenta.width_voxels = 7;

@@ -18,6 +18,7 @@
 #include "core/support/errors.h"
 #include "tests/support/checkpoint_bytes.h"
 #include "tests/support/many_threads.h"
+#include "tests/support/phantom_pair.h"
 #include "tests/support/random_fields.h"
 
 namespace saltus {
@@ -98,8 +99,7 @@ struct Slip {
     options.size = {64, 64, 1};
     options.angle_deg = 25;
     phantom = make_phantom<2>(options);
-    input.fixed = phantom.fixed;
-    input.moving = phantom.moving;
+    input = testing::pair_of(phantom);
   }
   double error_near_interface(const RegistrationOptions& options) const {
     const RegistrationResult<2> result = register_images<2>(input, options);

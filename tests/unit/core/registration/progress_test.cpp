@@ -3,6 +3,7 @@
 #include "core/registration/expected_iterations.h"
 #include "core/registration/register_images.h"
 #include "core/registration/work_meter.h"
+#include "tests/support/phantom_pair.h"
 
 #include <gtest/gtest.h>
 
@@ -76,9 +77,7 @@ TEST(ExpectedIterations, FollowHowTheDecreaseDiesAway) {
 TEST(Progress, IsOfTheWorkThatIsDone) {
   for (Model model : {Model::Gaussian, Model::Auto, Model::Sliding}) {
     const Phantom<2> phantom = make_phantom<2>(default_phantom_options(PhantomKind::Rectangle));
-    RegistrationInput<2> input;
-    input.fixed = phantom.fixed;
-    input.moving = phantom.moving;
+    RegistrationInput<2> input = testing::pair_of(phantom);
     double last = 0;
     std::vector<double> finest;  // by iteration
     const auto result = register_images<2>(input, default_options(model, SimilarityType::Ssd, Preset::Balanced),

@@ -7,6 +7,7 @@
 
 #include "core/phantom/make_phantom.h"
 #include "core/registration/register_images.h"
+#include "tests/support/phantom_pair.h"
 
 namespace saltus {
 namespace {
@@ -44,9 +45,7 @@ template <int Dim>
 void expect_registered(const PhantomOptions& scene, SimilarityType similarity, Model model, double factor) {
   SCOPED_TRACE(to_string(scene.kind) + " " + to_string(model));
   const Phantom<Dim> phantom = make_phantom<Dim>(scene);
-  RegistrationInput<Dim> input;
-  input.fixed = phantom.fixed;
-  input.moving = phantom.moving;
+  RegistrationInput<Dim> input = testing::pair_of(phantom);
   if (!sees_contrast(similarity))
     for (float& v : input.moving.samples) v = 1000 - 50 * v * v;
   RegistrationOptions options = default_options(model, similarity, Preset::Balanced);

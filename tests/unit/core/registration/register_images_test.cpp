@@ -152,6 +152,26 @@ TEST(RegisterImages, StopsWhenTheCallbackSaysSoAndReturnsWhatItHas) {
   EXPECT_LT(fine.summary.similarity_after, coarse.summary.similarity_after);
 }
 
+// Wherever a run is stopped, in a look between two rounds as well, its levels say what was accepted.
+TEST(RegisterImages, CountsEveryStepOnceWhereverItStops) {
+  const RegistrationInput<2> input = sliding_pair<2>(plane(), 2.0);
+  for (Model model : {Model::Sliding, Model::Auto}) {
+    RegistrationOptions options = quick(model, SimilarityType::Lncc, 3);
+    int calls = 0;
+    register_images<2>(input, options, [&](const Progress&) { return ++calls, ProgressAnswer::Continue; });
+    ASSERT_GT(calls, 20);
+    for (int most = 1; most < calls; ++most) {
+      int left = most;
+      const RegistrationSummary found = register_images<2>(input, options, [&](const Progress&) {
+                                          return --left > 0 ? ProgressAnswer::Continue : ProgressAnswer::Stop;
+                                        }).summary;
+      int counted = 0;
+      for (const LevelSummary& level : found.levels) counted += level.iterations;
+      ASSERT_EQ(counted, static_cast<int>(found.history.size())) << to_string(model) << " stopped at call " << most;
+    }
+  }
+}
+
 TEST(RegisterImages, NeverLetsTheEnergyRiseWithinARound) {
   for (Model model : all_models())
     for (SimilarityType similarity : all_similarities()) {

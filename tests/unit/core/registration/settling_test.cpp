@@ -10,6 +10,7 @@
 #include "core/registration/register_images.h"
 #include "core/registration/scales.h"
 #include "tests/support/checkpoint_bytes.h"
+#include "tests/support/phantom_pair.h"
 
 namespace saltus {
 namespace {
@@ -54,9 +55,7 @@ TEST(Settling, CountsTwoFifthsOfTheRoundsBeforeOneWithOtherWeights) {
   PhantomOptions scene = default_phantom_options(PhantomKind::Slip);
   scene.size = {64, 64, 1};
   const Phantom<2> phantom = make_phantom<2>(scene);
-  RegistrationInput<2> input;
-  input.fixed = phantom.fixed;
-  input.moving = phantom.moving;
+  RegistrationInput<2> input = testing::pair_of(phantom);
   RegistrationOptions options = default_options(Model::Sliding, SimilarityType::Lncc, Preset::Balanced);
   options.pyramid.levels = 2;
   const std::vector<Round> rounds = rounds_of(input, options);

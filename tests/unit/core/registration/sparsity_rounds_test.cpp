@@ -7,9 +7,11 @@
 
 #include "core/momenta/reweighting.h"
 #include "core/phantom/make_phantom.h"
+#include "core/registration/interface_normals.h"
 #include "core/registration/register_images.h"
 #include "core/registration/scales.h"
 #include "core/registration/working_set.h"
+#include "tests/support/phantom_pair.h"
 
 namespace saltus {
 namespace {
@@ -42,16 +44,17 @@ TEST(SparsityRounds, HaveNoPathWhereACoarserLevelFoundFirstOrders) {
   EXPECT_EQ(sparsity_rounds(momenta, false, true).size(), 1u);
 }
 
-/// Two scales with first orders, the second twice as coarse.
-struct TwoScales {
+/// Scales with first orders, coarsest first, each twice as fine as the one before.
+struct Scales {
   Lattice<2> lattice{{24, 20}, {1, 1}, {}};
   std::vector<PlacedScale<2, double>> placed;
   std::vector<MomentumScale<2, double>*> scales;
 
-  TwoScales() {
+  explicit Scales(int count = 2, int orientations = 0) {
     RegistrationOptions options = default_options(Model::Wendland1, SimilarityType::Ssd, Preset::Balanced);
     options.momenta.width_voxels = 4;
-    options.momenta.scales = options.momenta.first_order_scales = 2;
+    options.momenta.scales = options.momenta.first_order_scales = count;
+    options.momenta.orientations = orientations;
     options.momenta.finest_scale = options.momenta.first_order_finest_scale = 0;
     options.momenta.regularisation = options.momenta.first_order_regularisation = 1e-3;
     placed = make_scales<2, double>(lattice, options, {});
@@ -61,7 +64,7 @@ struct TwoScales {
 
 // What a scale without momenta is given: oracle, reweighted_factors of the other one's at the nearest sites.
 TEST(SparsityWeights, OfAScaleWithoutMomentaComeFromOneThatHasThem) {
-  TwoScales scene;
+  Scales scene;
   ASSERT_EQ(scene.scales.size(), 2u);
   const int fine = scene.scales[0]->lattice().sites() > scene.scales[1]->lattice().sites() ? 0 : 1, coarse = 1 - fine;
   const Lattice<2>&from = scene.scales[coarse]->lattice(), &to = scene.scales[fine]->lattice();
@@ -76,7 +79,7 @@ TEST(SparsityWeights, OfAScaleWithoutMomentaComeFromOneThatHasThem) {
 
   std::vector<double> first(2 * 2 * from.sites(), 0.0);
   first[2 * from.sites() + 2 * site] = 0.7;
-  const auto expected = reweighted_factors<2, double>(from, first.data());
+  const auto expected = reweighted_factors<2>(from, momentum_sizes<2, double>(from, first.data(), 2));
   std::size_t favoured = 0;
   for (int field = 0; field < 2; ++field) {
     const std::vector<float>& own = set.weights()[2 * fine + field];
@@ -98,8 +101,65 @@ TEST(SparsityWeights, OfAScaleWithoutMomentaComeFromOneThatHasThem) {
   EXPECT_LT(favoured, 80u);
 }
 
+/// The mean place of what is cheaper than with even weights, in samples of the finest lattice; and how much that is.
+std::pair<Vector<2>, int> favoured(const Lattice<2>& lattice, const float* factors) {
+  Vector<2> sum = Vector<2>::Zero();
+  int count = 0;
+  for (int y = 0; y < lattice.size[1]; ++y)
+    for (int x = 0; x < lattice.size[0]; ++x)
+      if (factors[y * lattice.size[0] + x] < 1) {
+        sum += Vector<2>(lattice.offset[0] + x * lattice.spacing[0], lattice.offset[1] + y * lattice.spacing[1]);
+        ++count;
+      }
+  return {sum / std::max(1, count), count};
+}
+
+TEST(SparsityWeights, ComeFromTheNextCoarserScaleOfSeveral) {
+  Scales scene(3);
+  ASSERT_EQ(scene.scales.size(), 3u);
+  const Lattice<2>&coarsest = scene.scales[0]->lattice(), &middle = scene.scales[1]->lattice(),
+        &finest = scene.scales[2]->lattice();
+  ASSERT_LT(coarsest.sites(), middle.sites());
+  ASSERT_LT(middle.sites(), finest.sites());
+  WorkingSet<2, double> set(scene.scales, 1e-3, 0.5);
+  std::vector<double> x(set.size(), 0.0);
+  x[set.sparsity()[0].begin] = 0.7;  // in one corner
+  const int at[2] = {9, 7};          // and in the middle
+  x[set.sparsity()[2].begin + 2 * static_cast<std::size_t>(at[1] * middle.size[0] + at[0])] = 0.7;
+  set.weigh({Weights::Reweighted, 1}, x);
+  const auto [place, count] = favoured(finest, set.weights()[4].data());
+  EXPECT_GT(count, 4);
+  for (int a = 0; a < 2; ++a) EXPECT_NEAR(place[a], middle.offset[a] + at[a] * middle.spacing[a], 1.0);
+}
+
+// Whatever its normal is, by all first orders of the coarser scale, those along the axes too.
+TEST(SparsityWeights, OfElementsComeFromAllThatACoarserScaleHas) {
+  Scales scene(2, 8);
+  const Lattice<2>&coarse = scene.scales[0]->lattice(), &fine = scene.scales[1]->lattice();
+  WorkingSet<2, double> set(scene.scales, 1e-3, 0.5);
+  Field<double> velocity(2 * fine.sites());
+  for (int y = 0; y < fine.size[1]; ++y)
+    for (int x = 0; x < fine.size[0]; ++x)
+      for (int c = 0; c < 2; ++c)
+        velocity[2 * static_cast<std::size_t>(y * fine.size[0] + x) + c] =
+            std::tanh((x + y - 22) / 2.0) * (c == 0 ? 1 : -1);
+  set.turn(InterfaceNormals<2, double>(fine, velocity));
+  ASSERT_FALSE(set.turned_elements()[1].empty());
+  std::vector<double> x(set.size(), 0.0);
+  const int at[2] = {6, 5};
+  x[set.sparsity()[1].begin + 2 * static_cast<std::size_t>(at[1] * coarse.size[0] + at[0])] = 0.7;  // in m_2
+  set.weigh({Weights::Reweighted, 1}, x);
+  const std::vector<float>& elements = set.weights().back();  // of the finer scale, normal by normal
+  ASSERT_EQ(elements.size(), 8 * fine.sites());
+  for (int normal = 0; normal < 8; ++normal) {
+    const auto [place, count] = favoured(fine, elements.data() + static_cast<std::size_t>(normal) * fine.sites());
+    EXPECT_GT(count, 10) << normal;
+    for (int a = 0; a < 2; ++a) EXPECT_NEAR(place[a], coarse.offset[a] + at[a] * coarse.spacing[a], 1.0) << normal;
+  }
+}
+
 TEST(SparsityWeights, AreEvenWhereNoScaleHasMomenta) {
-  TwoScales scene;
+  Scales scene;
   WorkingSet<2, double> set(scene.scales, 1e-3, 0.5);
   set.weigh({Weights::Reweighted, 1}, std::vector<double>(set.size(), 0.0));
   for (const std::vector<float>& list : set.weights()) EXPECT_TRUE(list.empty());
@@ -107,7 +167,7 @@ TEST(SparsityWeights, AreEvenWhereNoScaleHasMomenta) {
 
 // A finer scale says nothing of a coarser one.
 TEST(SparsityWeights, OfACoarserScaleDoNotComeFromAFinerOne) {
-  TwoScales scene;
+  Scales scene;
   ASSERT_LT(scene.scales[0]->lattice().sites(), scene.scales[1]->lattice().sites());
   WorkingSet<2, double> set(scene.scales, 1e-3, 0.5);
   std::vector<double> x(set.size(), 0.0);
@@ -120,11 +180,7 @@ TEST(SparsityWeights, OfACoarserScaleDoNotComeFromAFinerOne) {
 RegistrationInput<2> slip() {
   PhantomOptions options = default_phantom_options(PhantomKind::Slip);
   options.size = {64, 64, 1};
-  const Phantom<2> phantom = make_phantom<2>(options);
-  RegistrationInput<2> input;
-  input.fixed = phantom.fixed;
-  input.moving = phantom.moving;
-  return input;
+  return testing::pair_of(make_phantom<2>(options));
 }
 
 /// Iterations of each round of the last level.

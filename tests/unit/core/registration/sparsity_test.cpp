@@ -6,6 +6,7 @@
 #include "core/evaluation/field_error.h"
 #include "core/phantom/make_phantom.h"
 #include "core/registration/register_images.h"
+#include "tests/support/phantom_pair.h"
 
 namespace saltus {
 namespace {
@@ -31,10 +32,7 @@ double first_order_mass(const RegistrationResult<2>& result, Counts&& counts) {
 }
 
 RegistrationResult<2> registered(const Phantom<2>& phantom, const RegistrationOptions& options) {
-  RegistrationInput<2> input;
-  input.fixed = phantom.fixed;
-  input.moving = phantom.moving;
-  return register_images<2>(input, options);
+  return register_images<2>(testing::pair_of(phantom), options);
 }
 
 const auto anywhere = [](const Vector<2>&) { return true; };

@@ -14,6 +14,7 @@
 #include "core/phantom/make_phantom.h"
 #include "core/phantom/scene.h"
 #include "core/registration/register_images.h"
+#include "tests/support/phantom_pair.h"
 #include "tests/unit/core/slip/made_sheet.h"
 
 namespace saltus {
@@ -159,9 +160,7 @@ struct Slip {
     options.radius_mm = size * 0.28;
     scene = make_scene<2>(options);
     const Phantom<2> phantom = make_phantom<2>(options);
-    RegistrationInput<2> input;
-    input.fixed = phantom.fixed;
-    input.moving = phantom.moving;
+    RegistrationInput<2> input = testing::pair_of(phantom);
     RegistrationOptions how = default_options(Model::Sliding, SimilarityType::Ssd, Preset::Balanced);
     how.threads = 1;
     how.momenta.orientations = orientations;
