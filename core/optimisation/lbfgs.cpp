@@ -116,6 +116,19 @@ class Preconditioner {
     }
   }
 
+  /// a . P a, of what lies outside the ranges
+  template <class T>
+  double dense_square(const std::vector<T>& a, const std::vector<T>& dense) const {
+    double sum = 0;
+    for (const Piece& piece : pieces_) {
+      if (piece.is_range) continue;
+      const T *left = a.data() + piece.begin, *right = dense.data() + piece.at;
+      sum += ordered_sum(piece.end - piece.begin,
+                         [&](std::size_t i) { return static_cast<double>(left[i]) * static_cast<double>(right[i]); });
+    }
+    return sum;
+  }
+
   /// Length of the vectors called `dense`.
   std::size_t dense_size() const { return dense_size_; }
 
@@ -269,6 +282,11 @@ MinimiseSummary minimise(Objective<T>& objective, const MinimiseOptions& options
     if (!start.is_valid)
       throw NumericalFailure("the energy at the start or its gradient is not finite; check the images for NaN and Inf");
     state.energies = {start.value};
+    if (options.noise_tolerance > 0) {
+      std::vector<T> noise(objective.size()), noise_preconditioned(preconditioner.dense_size());
+      if (objective.noise_gradient(state.x, noise, noise_preconditioned))
+        state.noise_optimality = std::sqrt(std::max(0.0, preconditioner.dense_square(noise, noise_preconditioned)));
+    }
     revise_after_look(0);
     state.look_gap = kFirstLookGap;
   }
@@ -305,6 +323,10 @@ MinimiseSummary minimise(Objective<T>& objective, const MinimiseOptions& options
     if (optimality <= options.optimality_tolerance * reference) {
       if (joins_here(done)) continue;
       return ended(MinimiseTermination::Converged);
+    }
+    if (optimality * optimality <= options.noise_tolerance * state.noise_optimality * state.noise_optimality) {
+      if (joins_here(done)) continue;
+      return ended(MinimiseTermination::NoiseFloor);
     }
     if (done >= 5 && (state.settled_at < 0 || done - state.settled_at >= 5)) {
       const double recent = state.energies[done - 5] - energy;

@@ -15,13 +15,17 @@ struct MinimiseOptions {
   double decrease_before = 0;       ///< that a run before this one brought, and that is part of the whole
   double optimality_tolerance = 0;  ///< ends when the optimality residual falls to this share of its reference
   double optimality_reference = 0;  ///< residual that others are shares of; 0: that at the start
+  /// Ends when the square of the optimality residual is at most this share of what noise alone makes of it where the
+  /// run began (Objective::noise_gradient): what still pulls is then mostly noise. 0: does not.
+  double noise_tolerance = 0;
   int history = 6;
   int max_line_search = 20;
 };
 
 enum class MinimiseTermination {
-  Converged,  ///< the optimality residual fell to its tolerance
-  Settled,    ///< the energy fell no more by a share that counts
+  Converged,   ///< the optimality residual fell to its tolerance
+  Settled,     ///< the energy fell no more by a share that counts
+  NoiseFloor,  ///< what pulls is mostly noise, see MinimiseOptions::noise_tolerance
   IterationLimit,
   LineSearchFailed,  ///< no step along the last direction lowers the energy
   Stopped            ///< `accepted` said so
@@ -65,6 +69,7 @@ struct MinimiserState {
   std::deque<CurvaturePair<T>> pairs;       ///< oldest first
   std::vector<double> energies;             ///< at the start and after each accepted step; empty before the start
   double first_optimality = 0;              ///< residual at the start, absolute
+  double noise_optimality = 0;              ///< what noise alone makes of it, at the start; 0: not known
   int evaluations = 0;
   int looked_at = 0;    ///< iteration after which all that is outside the working set was looked at last
   int look_gap = 0;     ///< iterations from there to the next look

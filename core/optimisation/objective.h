@@ -43,6 +43,13 @@ class Objective {
   /// vectors come in the right size.
   virtual Evaluation evaluate(const std::vector<T>& x, std::vector<T>& gradient, std::vector<T>& preconditioned) = 0;
 
+  /// An example of what noise in the data adds to the gradient at x, where the last evaluation was, and that
+  /// preconditioned, both as there. False, and nothing written, where noise is not known.
+  virtual bool noise_gradient(const std::vector<T>& /*x*/, std::vector<T>& /*gradient*/,
+                              std::vector<T>& /*preconditioned*/) {
+    return false;
+  }
+
   /// Length of a sensible first step along `direction`.
   virtual double first_step(const std::vector<T>& direction) = 0;
 

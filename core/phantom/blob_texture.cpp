@@ -4,7 +4,7 @@
 #include <cmath>
 #include <utility>
 
-#include "core/phantom/random.h"
+#include "core/support/random.h"
 
 namespace saltus {
 

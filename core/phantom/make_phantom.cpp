@@ -5,7 +5,7 @@
 #include <string>
 
 #include "core/phantom/planar_scene.h"
-#include "core/phantom/random.h"
+#include "core/support/random.h"
 #include "core/phantom/scene.h"
 #include "core/phantom/smooth_scene.h"
 #include "core/phantom/thorax_scene.h"

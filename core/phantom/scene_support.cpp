@@ -2,7 +2,7 @@
 
 #include <cmath>
 
-#include "core/phantom/random.h"
+#include "core/support/random.h"
 
 namespace saltus {
 

@@ -4,7 +4,7 @@
 #include <cmath>
 #include <limits>
 
-#include "core/phantom/random.h"
+#include "core/support/random.h"
 #include "core/phantom/scene_support.h"
 
 namespace saltus {

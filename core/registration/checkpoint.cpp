@@ -15,7 +15,7 @@ namespace {
 
 constexpr char kMagic[8] = {'S', 'A', 'L', 'T', 'U', 'S', 'C', 'P'};
 /// To be raised with every change of what is stored or of what is computed from it.
-constexpr std::uint32_t kVersion = 19;
+constexpr std::uint32_t kVersion = 20;
 
 struct Header {
   char magic[8];
@@ -147,6 +147,7 @@ template <class Stream, class State>
 void transfer(Stream& stream, State& at) {
   stream(at.step);
   transfer_level(stream, at.level);
+  stream(at.is_beyond_noise);
   stream(at.level_start);
   stream(at.optimality_reference);
   stream.list(at.sparsity_factors, [](auto& s, auto& factors) { s(factors); });
@@ -165,6 +166,7 @@ void transfer(Stream& stream, State& at) {
   });
   stream(at.minimiser.energies);
   stream(at.minimiser.first_optimality);
+  stream(at.minimiser.noise_optimality);
   stream(at.minimiser.evaluations);
   stream(at.minimiser.looked_at);
   stream(at.minimiser.look_gap);

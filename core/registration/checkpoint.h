@@ -36,6 +36,7 @@ struct Checkpointing {
 struct Checkpoint {
   int step = 0;        ///< which of the levels that are run, 0 is the coarsest
   LevelSummary level;  ///< of that level: the rounds before this one, which is number level.rounds; its time until now
+  bool is_beyond_noise = false;     ///< the level's first round goes on where mostly noise pulls
   std::vector<float> level_start;   ///< momenta that the level began with, until it is known whether it begins again
   double optimality_reference = 0;  ///< of that level
   std::vector<std::vector<float>> sparsity_factors;         ///< of this round

@@ -81,25 +81,29 @@ ImagePyramid<Dim>::ImagePyramid(const RegistrationInput<Dim>& input, const Regis
   range_ = intensity_range(input.fixed.samples.size(), input.fixed.samples.data(),
                            fixed_weights.empty() ? nullptr : fixed_weights.data());
   const std::vector<float> moving_weights = binary(input.moving_mask);
+  if (options.similarity != SimilarityType::Ssd) measure_moving_range(moving_weights);
   noise_ = options.similarity_parameters.noise;
   if (noise_ < 0) measure_noise(fixed_weights, moving_weights);
   if (options.similarity == SimilarityType::Ssd) measure_contrast(fixed_weights);
   if (options.pyramid.region_margin >= 0) find_region(fixed_weights, moving_weights);
 }
 
+/// Only ssd compares intensities; for the others each image's noise is a share of its own range.
+template <int Dim>
+void ImagePyramid<Dim>::measure_moving_range(const std::vector<float>& moving_weights) {
+  const std::vector<float> moving = scaled(input_.moving, moving_weights);
+  const double width =
+      intensity_range(moving.size(), moving.data(), moving_weights.empty() ? nullptr : moving_weights.data()).width();
+  if (width > 0) moving_range_ = width;
+}
+
 template <int Dim>
 void ImagePyramid<Dim>::measure_noise(const std::vector<float>& fixed_weights,
                                       const std::vector<float>& moving_weights) {
   const double fixed_variance = noise_variance(fixed_lattice_, scaled(input_.fixed, fixed_weights), fixed_weights);
-  const std::vector<float> moving = scaled(input_.moving, moving_weights);
-  // Only ssd compares intensities; for the others each image's noise is a share of its own range.
-  double moving_range = 1;
-  if (options_.similarity != SimilarityType::Ssd)
-    moving_range =
-        intensity_range(moving.size(), moving.data(), moving_weights.empty() ? nullptr : moving_weights.data()).width();
-  if (!(moving_range > 0)) moving_range = 1;
   const double moving_variance =
-      noise_variance(moving_lattice_, moving, moving_weights) / (moving_range * moving_range);
+      noise_variance(moving_lattice_, scaled(input_.moving, moving_weights), moving_weights) /
+      (moving_range_ * moving_range_);
   noise_ = std::sqrt((fixed_variance + moving_variance) / 2);
 }
 
@@ -234,6 +238,8 @@ MatchingLevel<Dim, float> ImagePyramid<Dim>::make_level(int level, const Lattice
   if (input_.moving_mask) made.moving_weights = framed(moving_weights, {}, 0, moving);
   made.similarity_weight = similarity_weight(level);
   made.divergence_weight = divergence_weight(level);
+  // Smoothing leaves what noise holds at the kernels' wavelengths as it is.
+  made.noise = std::sqrt(2.0) * level_noise(level) * moving_range_;
   made.time_steps = options_.flow.time_steps;
   made.map_steps = options_.flow.map_steps;
   made.evolution = options_.flow.evolution;

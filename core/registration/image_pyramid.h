@@ -49,6 +49,7 @@ class ImagePyramid {
   MatchingLevel<Dim, float> full_resolution() const;
 
  private:
+  void measure_moving_range(const std::vector<float>& moving_weights);
   void measure_noise(const std::vector<float>& fixed_weights, const std::vector<float>& moving_weights);
   /// Of each image's range: what differs from background by less is background. None where noise hides which that is.
   std::optional<double> background_tolerance() const;
@@ -65,7 +66,8 @@ class ImagePyramid {
   const RegistrationOptions& options_;
   Lattice<Dim> fixed_lattice_, moving_lattice_;
   AffineMap<Dim> to_moving_;
-  IntensityRange range_;  ///< of the fixed image
+  IntensityRange range_;     ///< of the fixed image
+  double moving_range_ = 1;  ///< in units of the scaled intensities, where the moving image's range counts by itself
   double noise_ = 0, contrast_ = std::numeric_limits<double>::infinity();
   Vector<Dim> region_low_, region_high_;  ///< frame, mm
   bool has_region_ = false;

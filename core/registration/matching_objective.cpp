@@ -2,6 +2,7 @@
 
 #include "core/flow/divergence_penalty.h"
 #include "core/registration/interface_normals.h"
+#include "core/support/random.h"
 
 #include <algorithm>
 #include <cmath>
@@ -106,7 +107,6 @@ Evaluation MatchingObjective<Dim, T>::evaluate(const std::vector<T>& x, std::vec
       weight_dual_[i] *= weight * (level_.fixed_weights.empty() ? T(1) : level_.fixed_weights[i]);
     duals.push_back({&level_.moving_weights, weight_dual_.data()});
   }
-  warp_adjoint<Dim, T>(duals, level_.lattice, displacement, map_dual_.data());
   for (Field<T>& dual : velocity_duals_) std::fill(dual.begin(), dual.end(), T(0));
   if (level_.divergence_weight > 0)
     for (int k = 0, last = shooting_.nodes() - 1; k <= last; ++k) {
@@ -114,11 +114,43 @@ Evaluation MatchingObjective<Dim, T>::evaluate(const std::vector<T>& x, std::vec
       parts_.regularisation += add_divergence_penalty<Dim, T>(
           flow_, shooting_.velocities()[k].data(), level_.divergence_weight * share, velocity_duals_[k].data());
     }
-  map_.adjoint(shooting_.velocities(), map_dual_, velocity_duals_);
-  shooting_.adjoint(momenta, velocity_duals_, gradients, scaled);
+  pull_back(duals, displacement, momenta, gradients, scaled);
   set_.finish_gradient(gradient);
   const double energy = parts_.similarity + parts_.regularisation;
   return {energy, std::isfinite(energy)};
+}
+
+/// Adds to the gradients of the momenta what images and, as they are, velocity_duals_ ask for.
+template <int Dim, class T>
+void MatchingObjective<Dim, T>::pull_back(const std::vector<WarpedDual<Dim, T>>& duals,
+                                          const Displacement<Dim, T>& displacement,
+                                          const std::vector<MomentumPointers<T>>& momenta,
+                                          const std::vector<MomentumTargets<T>>& gradients,
+                                          const std::vector<MomentumTargets<T>>& scaled) {
+  warp_adjoint<Dim, T>(duals, level_.lattice, displacement, map_dual_.data());
+  map_.adjoint(shooting_.velocities(), map_dual_, velocity_duals_);
+  shooting_.adjoint(momenta, velocity_duals_, gradients, scaled);
+}
+
+template <int Dim, class T>
+bool MatchingObjective<Dim, T>::noise_gradient(const std::vector<T>& x, std::vector<T>& gradient,
+                                               std::vector<T>& preconditioned) {
+  if (!(level_.noise > 0)) return false;
+  const T sd = static_cast<T>(level_.noise), weight = static_cast<T>(level_.similarity_weight);
+  std::vector<T> noisy = warped_, dual(warped_.size());
+#pragma omp parallel for schedule(static)
+  for (std::size_t i = 0; i < noisy.size(); ++i)
+    noisy[i] += random_bits(0, {static_cast<std::int64_t>(i)}) & 1 ? sd : -sd;
+  similarity_->evaluate(level_.fixed.data(), noisy.data(), weights_.empty() ? nullptr : weights_.data(), dual.data(),
+                        nullptr);
+  for (std::size_t i = 0; i < dual.size(); ++i) dual[i] = weight * dual[i] - image_dual_[i];
+  std::fill(gradient.begin(), gradient.end(), T(0));
+  std::fill(preconditioned.begin(), preconditioned.end(), T(0));
+  for (Field<T>& velocity_dual : velocity_duals_) std::fill(velocity_dual.begin(), velocity_dual.end(), T(0));
+  pull_back({{&level_.moving, dual.data()}}, on_level(map_.follow(shooting_.velocities())), set_.evaluated(x),
+            set_.targets(gradient), set_.dense_targets(preconditioned));
+  set_.finish_gradient(gradient);
+  return true;
 }
 
 template <int Dim, class T>

@@ -30,6 +30,7 @@ struct MatchingLevel {
   FramedImage<Dim, T> moving_weights;  ///< no samples: 1 everywhere
   double similarity_weight = 1;
   double divergence_weight = 0;  ///< of 1/2 integral |div v|^2 over space and time
+  double noise = 0;  ///< white, of both images together as if it were the moving one's, sd in the images' unit
   int time_steps = 4, map_steps = 1;
   Evolution evolution = Evolution::Exact;
 };
@@ -54,6 +55,8 @@ class MatchingObjective final : public Objective<T> {
 
   std::size_t size() const override { return set_.size(); }
   Evaluation evaluate(const std::vector<T>& x, std::vector<T>& gradient, std::vector<T>& preconditioned) override;
+  /// Of the level's noise: each sample of the warped image has sd more or less. The same one at every call.
+  bool noise_gradient(const std::vector<T>& x, std::vector<T>& gradient, std::vector<T>& preconditioned) override;
   double first_step(const std::vector<T>& direction) override;
   const std::vector<GroupSparsity>& sparsity() const override { return set_.sparsity(); }
   bool has_more() const override { return set_.has_more(); }
@@ -86,6 +89,9 @@ class MatchingObjective final : public Objective<T> {
 
  private:
   Displacement<Dim, T> on_level(const Field<T>& field);
+  void pull_back(const std::vector<WarpedDual<Dim, T>>& duals, const Displacement<Dim, T>& displacement,
+                 const std::vector<MomentumPointers<T>>& momenta, const std::vector<MomentumTargets<T>>& gradients,
+                 const std::vector<MomentumTargets<T>>& scaled);
 
   std::vector<MomentumScale<Dim, T>*> scales_;
   WorkingSet<Dim, T> set_;

@@ -152,6 +152,7 @@ RegistrationOptions default_options(Model model, SimilarityType similarity, Pres
     o.flow.map_steps = preset == Preset::Fast ? 1 : 2;
     o.optimisation.tolerance = preset == Preset::Fast ? 5e-2 : preset == Preset::Balanced ? 2.5e-2 : 5e-3;
     o.momenta.first_order_waits = is_sliding;
+    if (is_sliding && similarity == SimilarityType::Lncc) o.optimisation.noise_tolerance = 0.1;
     if (is_sliding && is_correlation) {
       o.momenta.reweighted_rounds = 1;
       o.momenta.sparsity_noise = 0.04;

@@ -105,7 +105,10 @@ struct RegistrationOptions {
     /// `tolerance`; 0: that. What order 0 has not settled pulls at first orders as well.
     double look_tolerance = 0;
     double optimality_tolerance = 1e-3;  ///< a level ends when the optimality residual is this share of its first
-    int history = 6;                     ///< pairs kept by L-BFGS
+    /// A round without first orders ends when the square of the residual is at most this share of what the images'
+    /// noise alone makes of it; 0: does not.
+    double noise_tolerance = 0;
+    int history = 6;  ///< pairs kept by L-BFGS
   } optimisation;
 
   int threads = 0;  ///< 0: all that the process may use

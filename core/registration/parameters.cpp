@@ -429,6 +429,11 @@ const std::vector<Parameter>& parameters() {
           "optimality_tolerance", "", 0, Lower::Inclusive, 1,
           "a level ends when the optimality residual falls to this share of its first value",
           [](O & o) -> auto& { return o.optimisation.optimality_tolerance; }),
+      real(
+          "noise_tolerance", "", 0, Lower::Inclusive, 1,
+          "a round without first-order momenta ends when the square of that residual is at most this share of what the "
+          "images' noise alone makes of it; 0: does not",
+          [](O & o) -> auto& { return o.optimisation.noise_tolerance; }),
       integer(
           "history", "", 1, 50, "pairs that L-BFGS keeps", [](O & o) -> auto& { return o.optimisation.history; }),
   };

@@ -18,6 +18,8 @@ Termination termination_of(MinimiseTermination termination) {
       return Termination::Converged;
     case MinimiseTermination::Settled:
       return Termination::Settled;
+    case MinimiseTermination::NoiseFloor:
+      return Termination::NoiseFloor;
     case MinimiseTermination::IterationLimit:
       return Termination::IterationLimit;
     case MinimiseTermination::LineSearchFailed:
@@ -192,6 +194,7 @@ void PyramidRun<Dim>::begin_level(std::size_t step) {
     return;
   }
   momenta.resize(objective_->size(), Scalar(0));  // finer scales come last and start at 0
+  reached_.is_beyond_noise = false;
   reached_.level_start.clear();
   if (decides_ && !options_.momenta.first_order_waits) reached_.level_start = momenta;
 }
@@ -278,6 +281,8 @@ void PyramidRun<Dim>::minimise_round(std::size_t round) {
     how_.tolerance = std::max(how_.tolerance, optimisation.round_tolerance);
   else if (round == 0 && decides_ && optimisation.look_tolerance > 0)
     how_.tolerance = std::min(how_.tolerance, optimisation.look_tolerance);
+  how_.noise_tolerance =
+      (reached_.is_beyond_noise && round == 0) || !is_smooth(rounds_[round]) ? 0 : optimisation.noise_tolerance;
   how_.decrease_before = 0;
   if (round > 0 && options_.momenta.first_order_waits) {
     // A round in which first orders waited minimised the same energy, unless order 0 got another weight after it;
@@ -295,14 +300,38 @@ void PyramidRun<Dim>::minimise_round(std::size_t round) {
   level_.termination = is_blank_ ? Termination::NothingToRegister : termination_of(found.termination);
 }
 
-/// After order 0 has settled alone: one look at what first orders would gain. Where they are, they begin as they would
-/// have without that look: after order 0, or together with it from where the level began.
+/// One look at what first orders would gain, where order 0 is alone. Oriented momenta are not asked.
+template <int Dim>
+FirstOrderPromise PyramidRun<Dim>::ask_first_orders() {
+  make_objective(rounds_[1]);
+  objective_->working_set().weigh(rounds_[1], reached_.minimiser.x);  // what is not asked need not be turned yet
+  ++level_.evaluations;
+  return objective_->first_order_promise(reached_.minimiser.x);
+}
+
+/// Goes on with the first round, which ended where mostly noise pulled, until order 0 has settled.
+template <int Dim>
+void PyramidRun<Dim>::settle_beyond_noise() {
+  reached_.is_beyond_noise = true;
+  make_objective(rounds_[0]);
+  objective_->weigh(rounds_[0], reached_.minimiser.x);
+  level_.iterations -= reached_.minimiser.iterations();  // counted again with all of the round
+  level_.evaluations -= reached_.minimiser.evaluations;
+  minimise_round(0);
+}
+
+/// After order 0 has come to its end alone: whether first orders would gain enough. If they seem to where order 0 was
+/// left to noise, it has to settle first: what it has not pulls at them as well. Where they are, they begin as they
+/// would have without that look: after order 0, or together with it from where the level began.
 template <int Dim>
 bool PyramidRun<Dim>::first_orders_are_worth_it() {
   std::vector<Scalar>& momenta = reached_.minimiser.x;
-  make_objective(rounds_[1]);
-  objective_->working_set().weigh(rounds_[1], momenta);  // oriented momenta are not asked: no need to turn them yet
-  const FirstOrderPromise promise = objective_->first_order_promise(momenta);
+  FirstOrderPromise promise = ask_first_orders();
+  if (is_enough(promise, levels_[step_]) && level_.termination == Termination::NoiseFloor) {
+    settle_beyond_noise();
+    if (level_.termination == Termination::Stopped) return false;
+    promise = ask_first_orders();
+  }
   const bool is_worth_it = is_enough(promise, levels_[step_]);
   if (!is_worth_it)
     make_objective(rounds_[0]);
@@ -310,7 +339,6 @@ bool PyramidRun<Dim>::first_orders_are_worth_it() {
     momenta = std::move(reached_.level_start);
   reached_.level_start.clear();
   if (is_worth_it) begin_beside_first_orders();
-  ++level_.evaluations;
   level_.decision = is_worth_it ? FirstOrderDecision::LetIn : FirstOrderDecision::LeftOut;
   level_.first_order_gain = promise.gain;
   level_.first_order_shear = promise.shear;

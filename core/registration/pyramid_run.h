@@ -61,6 +61,8 @@ class PyramidRun {
   double planned_work(int level, bool lets_in) const;
   void make_objective(const SparsityRound& round);
   void choose_map_steps();
+  FirstOrderPromise ask_first_orders();
+  void settle_beyond_noise();
   bool first_orders_are_worth_it();
   bool would_join();
   void begin_beside_first_orders();

@@ -8,6 +8,8 @@ std::string to_string(Termination termination) {
       return "converged";
     case Termination::Settled:
       return "energy settled";
+    case Termination::NoiseFloor:
+      return "only noise left";
     case Termination::IterationLimit:
       return "iteration limit";
     case Termination::LineSearchFailed:

@@ -25,8 +25,9 @@ struct IterationRecord {
 };
 
 enum class Termination {
-  Converged,  ///< the optimality residual fell to its tolerance
-  Settled,    ///< the energy fell no more by a share that counts
+  Converged,   ///< the optimality residual fell to its tolerance
+  Settled,     ///< the energy fell no more by a share that counts
+  NoiseFloor,  ///< what pulled was mostly noise of the images
   IterationLimit,
   LineSearchFailed,  ///< no step along the last direction lowers the energy
   Stopped,           ///< the caller wanted it to end

@@ -4,7 +4,7 @@
 #include <cmath>
 
 #include "core/optimisation/lbfgs.h"
-#include "core/phantom/random.h"
+#include "core/support/random.h"
 #include "core/registration/finish.h"
 #include "core/registration/matching_objective.h"
 #include "core/registration/scales.h"

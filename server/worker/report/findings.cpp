@@ -104,7 +104,9 @@ std::vector<Finding> level_findings(const RegistrationSummary& summary) {
   std::vector<Finding> found;
   std::string unfinished;
   for (const LevelSummary& level : summary.levels) {
-    if (level.termination == Termination::Converged || level.termination == Termination::Settled) continue;
+    if (level.termination == Termination::Converged || level.termination == Termination::Settled ||
+        level.termination == Termination::NoiseFloor)
+      continue;
     unfinished += (unfinished.empty() ? "level " : ", level ") + std::to_string(level.level) + " (" +
                   to_string(level.termination) + ")";
   }

@@ -234,5 +234,79 @@ TEST(Minimise, CountsTheDecreaseOfAnEarlierRunToTheWhole) {
   EXPECT_LT(energies(30).size(), energies(0).size());
 }
 
+/// 1/2 |x|^2 of two unknowns, of which noise makes a gradient of length 1, and a group that it pulls at as well.
+class WithNoise final : public Objective<double> {
+ public:
+  WithNoise() { ranges_[0] = {2, 3, 1, 0.1, 1, {}}; }
+  std::size_t size() const override { return 3; }
+  const std::vector<GroupSparsity>& sparsity() const override { return ranges_; }
+  Evaluation evaluate(const std::vector<double>& x, std::vector<double>& gradient,
+                      std::vector<double>& preconditioned) override {
+    gradient = {x[0], 4 * x[1], x[2]};
+    preconditioned = {x[0], 4 * x[1]};
+    return {0.5 * (x[0] * x[0] + 4 * x[1] * x[1] + x[2] * x[2]), true};
+  }
+  bool noise_gradient(const std::vector<double>& x, std::vector<double>& gradient,
+                      std::vector<double>& preconditioned) override {
+    ++asked;
+    EXPECT_EQ(x, start);
+    gradient = {0.6, 0.8, 5};
+    preconditioned = {0.6, 0.8};
+    return is_known;
+  }
+  double first_step(const std::vector<double>&) override { return 1e-2; }
+
+  std::vector<double> start;
+  bool is_known = true;
+  int asked = 0;
+
+ private:
+  std::vector<GroupSparsity> ranges_ = std::vector<GroupSparsity>(1);
+};
+
+// Oracle: the residual is |(x, 4 y)| while the group is at zero, and that of noise is 1, whatever it does to the group.
+TEST(Minimise, EndsWhereMostlyNoisePulls) {
+  MinimiseOptions how;
+  how.optimality_tolerance = 1e-9;
+  how.tolerance = 0;
+  for (double share : {0.0, 0.01, 0.25}) {
+    SCOPED_TRACE(share);
+    how.noise_tolerance = share;
+    WithNoise objective;
+    std::vector<double> x = objective.start = {3, 2, 0};
+    std::vector<double> residuals = {std::hypot(3, 8)};
+    const MinimiseSummary summary = minimise<double>(objective, how, x, [&](const MinimiseStep& step) {
+      residuals.push_back(step.optimality * residuals.front());
+      return true;
+    });
+    EXPECT_EQ(objective.asked, share > 0);
+    if (share == 0) {
+      EXPECT_EQ(summary.termination, MinimiseTermination::Converged);
+      continue;
+    }
+    EXPECT_EQ(summary.termination, MinimiseTermination::NoiseFloor);
+    EXPECT_NEAR(residuals.back(), std::hypot(x[0], 4 * x[1]), 1e-12);
+    EXPECT_LE(residuals.back(), std::sqrt(share));
+    for (std::size_t k = 0; k + 1 < residuals.size(); ++k) EXPECT_GT(residuals[k], std::sqrt(share)) << k;
+  }
+}
+
+TEST(Minimise, DoesNothingWhereItBeginsWithNoise) {
+  MinimiseOptions how;
+  how.optimality_tolerance = 1e-9;
+  how.noise_tolerance = 0.25;
+  WithNoise objective;
+  std::vector<double> x = objective.start = {0.1, 0.1, 0};
+  const MinimiseSummary summary = minimise<double>(objective, how, x, go_on);
+  EXPECT_EQ(summary.termination, MinimiseTermination::NoiseFloor);
+  EXPECT_EQ(summary.iterations, 0);
+  EXPECT_EQ(x, objective.start);
+
+  WithNoise unknown;
+  unknown.is_known = false;
+  x = unknown.start = {0.1, 0.1, 0};
+  EXPECT_EQ(minimise<double>(unknown, how, x, go_on).termination, MinimiseTermination::Converged);
+}
+
 }  // namespace
 }  // namespace saltus

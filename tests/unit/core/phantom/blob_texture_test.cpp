@@ -4,7 +4,7 @@
 
 #include <cmath>
 
-#include "core/phantom/random.h"
+#include "core/support/random.h"
 
 namespace saltus {
 namespace {

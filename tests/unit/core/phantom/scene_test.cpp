@@ -5,7 +5,7 @@
 #include <Eigen/LU>
 #include <cmath>
 
-#include "core/phantom/random.h"
+#include "core/support/random.h"
 #include "core/support/errors.h"
 #include "tests/unit/core/phantom/scene_cases.h"
 

@@ -6,7 +6,7 @@
 #include <cmath>
 
 #include "core/phantom/make_phantom.h"
-#include "core/phantom/random.h"
+#include "core/support/random.h"
 
 namespace saltus {
 namespace {

@@ -46,16 +46,16 @@ class Numbers {
          share, decision, gain, shear, elements, map_steps, map_error, oblique, seconds, cpu_seconds);
   }
   void operator()(MinimiserState<float>& state) {
-    auto& [x, gradient, preconditioned, pairs, energies, first_optimality, evaluations, looked_at, look_gap, revised_at,
-           settled_at] = state;
-    fill(x, gradient, preconditioned, pairs, energies, first_optimality, evaluations, looked_at, look_gap, revised_at,
-         settled_at);
+    auto& [x, gradient, preconditioned, pairs, energies, first_optimality, noise, evaluations, looked_at, look_gap,
+           revised_at, settled_at] = state;
+    fill(x, gradient, preconditioned, pairs, energies, first_optimality, noise, evaluations, looked_at, look_gap,
+         revised_at, settled_at);
   }
   void operator()(Checkpoint& checkpoint) {
-    auto& [step, level, start, reference, factors, blocks, elements, normals, turned, minimiser, levels, history,
-           seconds, cpu_seconds] = checkpoint;
-    fill(step, level, start, reference, factors, blocks, elements, normals, turned, minimiser, levels, history, seconds,
-         cpu_seconds);
+    auto& [step, level, beyond_noise, start, reference, factors, blocks, elements, normals, turned, minimiser, levels,
+           history, seconds, cpu_seconds] = checkpoint;
+    fill(step, level, beyond_noise, start, reference, factors, blocks, elements, normals, turned, minimiser, levels,
+         history, seconds, cpu_seconds);
   }
 
  private:
@@ -89,6 +89,7 @@ TEST(CheckpointFields, AllSurviveBeingStored) {
   const Checkpoint read = decoded(encoded(stored, 7), 7);
   EXPECT_EQ(read.step, stored.step);
   expect_same(read.level, stored.level, "level");
+  EXPECT_EQ(read.is_beyond_noise, stored.is_beyond_noise);
   EXPECT_EQ(read.level_start, stored.level_start);
   EXPECT_EQ(read.optimality_reference, stored.optimality_reference);
   EXPECT_EQ(read.sparsity_factors, stored.sparsity_factors);
@@ -105,6 +106,7 @@ TEST(CheckpointFields, AllSurviveBeingStored) {
   EXPECT_EQ(a.preconditioned, b.preconditioned);
   EXPECT_EQ(a.energies, b.energies);
   EXPECT_EQ(a.first_optimality, b.first_optimality);
+  EXPECT_EQ(a.noise_optimality, b.noise_optimality);
   EXPECT_EQ(a.evaluations, b.evaluations);
   EXPECT_EQ(a.looked_at, b.looked_at);
   EXPECT_EQ(a.look_gap, b.look_gap);

@@ -162,6 +162,22 @@ TEST(Checkpoint, ResumesWhereFirstOrdersWereAskedForWithTheSameEnd) {
     }
 }
 
+// Order 0 ends where noise pulls, at once; since first orders are wanted, it goes on.
+TEST(Checkpoint, ResumesWhereOrder0SettlesBeyondNoiseWithTheSameEnd) {
+  RegistrationOptions options = quick();
+  options.optimisation.max_iterations = 6;
+  options.optimisation.noise_tolerance = 1;
+  options.similarity_parameters.noise = 0.5;
+  options.momenta.sparsity_noise = 0;
+  options.momenta.sparsity = 1e-5;
+  options.momenta.first_order_gain = 1e-6;
+  options.momenta.first_order_shear = 0;
+  const RegistrationResult<2> whole = register_images<2>(plane(), options);
+  ASSERT_EQ(whole.summary.levels[0].decision, FirstOrderDecision::LetIn);
+  ASSERT_EQ(whole.summary.levels[0].iterations, 12);
+  resumes_anywhere<2>(plane(), options);
+}
+
 // Order 0 gets another weight as soon as first orders are there, and other momenta for it.
 TEST(Checkpoint, ResumesWhereOrder0HasAnotherWeightBesideFirstOrdersWithTheSameEnd) {
   for (double gain : {0.0, 1e-9}) {

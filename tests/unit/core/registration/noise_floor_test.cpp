@@ -1,0 +1,204 @@
+// What noise alone makes of a gradient, and rounds that end where mostly noise pulls. Oracles: gradients of images with
+// and without noise; the truth of phantoms.
+#include <gtest/gtest.h>
+
+#include <utility>
+
+#include "core/evaluation/field_error.h"
+#include "core/registration/matching_objective.h"
+#include "core/registration/scales.h"
+#include "core/support/random.h"
+#include "tests/support/phantom_pair.h"
+#include "tests/support/random_fields.h"
+
+namespace saltus {
+namespace {
+
+/// Another similarity of an image that has noise.
+class Noisy final : public Similarity<2, double> {
+ public:
+  Noisy(std::unique_ptr<Similarity<2, double>> inner, std::size_t sites, double sd)
+      : inner_(std::move(inner)), noise_(sites) {
+    for (std::size_t i = 0; i < sites; ++i) noise_[i] = random_bits(0, {static_cast<std::int64_t>(i)}) & 1 ? sd : -sd;
+  }
+  double evaluate(const double* fixed, const double* warped, const double* weights, double* gradient,
+                  double* weight_gradient) override {
+    std::vector<double> noisy(warped, warped + noise_.size());
+    for (std::size_t i = 0; i < noisy.size(); ++i) noisy[i] += noise_[i];
+    return inner_->evaluate(fixed, noisy.data(), weights, gradient, weight_gradient);
+  }
+
+ private:
+  std::unique_ptr<Similarity<2, double>> inner_;
+  std::vector<double> noise_;
+};
+
+TEST(NoiseGradient, IsWhatNoiseChangesOfTheGradient) {
+  MatchingLevel<2, double> level;
+  level.lattice = {{19, 17}, {1, 1.25}, {}};
+  level.fixed = testing::random_waves<2>(level.lattice, 1);
+  level.moving = {level.lattice, testing::random_waves<2>(level.lattice, 2), Matrix<2>::Identity(), Vector<2>::Zero()};
+  level.similarity_weight = 0.7;
+  level.divergence_weight = 0.3;  // of which noise knows nothing
+  level.time_steps = 2;
+  level.noise = 0.05;
+  for (SimilarityType type : {SimilarityType::Ssd, SimilarityType::Lncc})
+    for (Model model : {Model::Gaussian, Model::Wendland1}) {
+      SCOPED_TRACE(to_string(type) + " " + to_string(model));
+      RegistrationOptions options = default_options(model, type, Preset::Balanced);
+      options.momenta.width_voxels = 4;
+      options.momenta.scales = 1;
+      options.momenta.finest_scale = 0;
+      options.momenta.sparsity = 0;
+      auto placed = make_scales<2, double>(level.lattice, resolved(options, level.lattice), {});
+      const auto similarity = [&] {
+        return make_similarity<2, double>(type, level.lattice, options.similarity_parameters, 1.0);
+      };
+      MatchingObjective<2, double> clean({placed[0].scale.get()}, level, similarity(), 0.0);
+      MatchingObjective<2, double> noisy({placed[0].scale.get()}, level,
+                                         std::make_unique<Noisy>(similarity(), level.lattice.sites(), level.noise),
+                                         0.0);
+      const std::size_t size = clean.size();
+      const std::vector<double> x = testing::random_values(size, 5, model == Model::Gaussian ? 0.1 : 1e-9);
+      std::vector<double> found(size), found_p(size), with(size), with_p(size), without(size), without_p(size);
+      noisy.evaluate(x, with, with_p);
+      clean.evaluate(x, without, without_p);
+      ASSERT_TRUE(clean.noise_gradient(x, found, found_p));
+      double largest = 0, largest_p = 0;
+      for (std::size_t i = 0; i < size; ++i) {
+        largest = std::max(largest, std::abs(without[i]));
+        largest_p = std::max(largest_p, std::abs(without_p[i]));
+      }
+      double most = 0;
+      for (std::size_t i = 0; i < size; ++i) {
+        ASSERT_NEAR(found[i], with[i] - without[i], 1e-12 * largest) << i;
+        ASSERT_NEAR(found_p[i], with_p[i] - without_p[i], 1e-12 * largest_p) << i;
+        most = std::max(most, std::abs(found[i]));
+      }
+      EXPECT_GT(most, 1e-4 * largest);
+
+      // It leaves the objective as it was.
+      std::vector<double> again(size), again_p(size);
+      clean.evaluate(x, again, again_p);
+      EXPECT_EQ(again, without);
+      EXPECT_EQ(again_p, without_p);
+    }
+}
+
+TEST(NoiseGradient, IsNotKnownWithoutNoise) {
+  MatchingLevel<2, double> level;
+  level.lattice = {{9, 8}, {1, 1}, {}};
+  level.fixed = testing::random_waves<2>(level.lattice, 1);
+  level.moving = {level.lattice, testing::random_waves<2>(level.lattice, 2), Matrix<2>::Identity(), Vector<2>::Zero()};
+  RegistrationOptions options = default_options(Model::Gaussian, SimilarityType::Ssd, Preset::Balanced);
+  options.momenta.scales = 1;
+  options.momenta.finest_scale = 0;
+  auto placed = make_scales<2, double>(level.lattice, resolved(options, level.lattice), {});
+  MatchingObjective<2, double> objective(
+      {placed[0].scale.get()}, level,
+      make_similarity<2, double>(SimilarityType::Ssd, level.lattice, options.similarity_parameters, 1.0), 0.0);
+  const std::vector<double> x(objective.size(), 0.0);
+  std::vector<double> gradient(x.size()), preconditioned(x.size());
+  objective.evaluate(x, gradient, preconditioned);
+  std::vector<double> untouched(x.size(), 7.0), untouched_p(x.size(), 8.0);
+  EXPECT_FALSE(objective.noise_gradient(x, untouched, untouched_p));
+  EXPECT_EQ(untouched, std::vector<double>(x.size(), 7.0));
+  EXPECT_EQ(untouched_p, std::vector<double>(x.size(), 8.0));
+}
+
+struct Ended {
+  int iterations = 0;
+  double error = 0;
+  RegistrationSummary summary;
+};
+
+Ended registered(const Phantom<2>& phantom, const RegistrationOptions& options) {
+  const RegistrationResult<2> found = register_images<2>(testing::pair_of(phantom), options);
+  Ended ended;
+  for (const LevelSummary& level : found.summary.levels) ended.iterations += level.iterations;
+  ended.error = summarise(endpoint_errors(found.displacement, phantom.displacement, {phantom.masks.valid})).mean;
+  ended.summary = found.summary;
+  return ended;
+}
+
+Phantom<2> smooth_scene(double noise, std::uint64_t seed) {
+  PhantomOptions scene = default_phantom_options(PhantomKind::Smooth);
+  scene.size = {96, 96, 1};
+  scene.displacement_mm = 4;
+  scene.noise = noise;
+  scene.seed = seed;
+  return make_phantom<2>(scene);
+}
+
+// Where most of what pulls is noise, more iterations fit the noise: fewer are better.
+TEST(NoiseFloor, SavesIterationsAndNoAccuracyWhereThereIsNoise) {
+  RegistrationOptions options = default_options(Model::Auto, SimilarityType::Lncc, Preset::Balanced);
+  ASSERT_GT(options.optimisation.noise_tolerance, 0);
+  RegistrationOptions without = options;
+  without.optimisation.noise_tolerance = 0;
+  double error[2] = {}, iterations[2] = {};
+  int ended_at_noise = 0;
+  for (std::uint64_t seed : {1, 2, 3, 4}) {
+    const Phantom<2> phantom = smooth_scene(0.03, seed);
+    const Ended with = registered(phantom, options), longer = registered(phantom, without);
+    error[0] += longer.error, error[1] += with.error;
+    iterations[0] += longer.iterations, iterations[1] += with.iterations;
+    for (const LevelSummary& level : with.summary.levels)
+      ended_at_noise += level.termination == Termination::NoiseFloor;
+    for (const LevelSummary& level : longer.summary.levels) EXPECT_NE(level.termination, Termination::NoiseFloor);
+  }
+  EXPECT_GE(ended_at_noise, 4);
+  EXPECT_LT(iterations[1], 0.8 * iterations[0]);
+  EXPECT_LT(error[1], 1.02 * error[0]);
+}
+
+TEST(NoiseFloor, ChangesNothingWhereThereIsNone) {
+  RegistrationOptions options = default_options(Model::Auto, SimilarityType::Lncc, Preset::Balanced);
+  const Phantom<2> phantom = smooth_scene(0, 1);
+  const Ended with = registered(phantom, options);
+  options.optimisation.noise_tolerance = 0;
+  const Ended without = registered(phantom, options);
+  EXPECT_EQ(with.iterations, without.iterations);
+  EXPECT_EQ(with.error, without.error);
+}
+
+// A level that begins where noise alone pulls more than the images' difference has nothing to do.
+TEST(NoiseFloor, LeavesOutALevelThatBeginsThere) {
+  const Phantom<2> phantom = smooth_scene(0.03, 1);
+  RegistrationOptions options = default_options(Model::Auto, SimilarityType::Ssd, Preset::Balanced);
+  options.momenta.first_order_gain = 1e6;
+  options.optimisation.noise_tolerance = 1;
+  options.similarity_parameters.noise = 0.5;
+  options.momenta.sparsity_noise = 0;
+  const Ended found = registered(phantom, options);
+  ASSERT_GE(found.summary.levels.size(), 2u);
+  EXPECT_EQ(found.summary.levels.back().iterations, 0);
+  EXPECT_EQ(found.summary.levels.back().termination, Termination::NoiseFloor);
+}
+
+// What order 0 has not settled pulls at first orders as well, so they are let in only where it has.
+TEST(NoiseFloor, SettlesBeforeFirstOrdersAreLetIn) {
+  PhantomOptions scene = default_phantom_options(PhantomKind::Slip);
+  scene.size = {64, 64, 1};
+  const Phantom<2> phantom = make_phantom<2>(scene);
+  RegistrationOptions options = default_options(Model::Auto, SimilarityType::Ssd, Preset::Balanced);
+  options.pyramid.levels = 1;
+  options.momenta.first_order_gain = options.momenta.first_order_finest_gain = 1e-9;
+  options.momenta.first_order_shear = options.momenta.first_order_finest_shear = 0;
+  options.momenta.sparsity *= 1e-3;
+  options.optimisation.noise_tolerance = 1;
+  options.similarity_parameters.noise = 0.5;
+  options.momenta.sparsity_noise = 0;
+  const LevelSummary let_in = registered(phantom, options).summary.levels.at(0);
+  EXPECT_EQ(let_in.decision, FirstOrderDecision::LetIn);
+  options.optimisation.noise_tolerance = 0;
+  const LevelSummary settled = registered(phantom, options).summary.levels.at(0);
+  // The same path, but for one look more.
+  EXPECT_EQ(let_in.iterations, settled.iterations);
+  EXPECT_EQ(let_in.evaluations, settled.evaluations + 1);
+  EXPECT_EQ(let_in.energy_after, settled.energy_after);
+  EXPECT_EQ(let_in.first_order_gain, settled.first_order_gain);
+}
+
+}  // namespace
+}  // namespace saltus
