@@ -4,7 +4,7 @@
 #include <array>
 #include <cstddef>
 
-#include "core/similarity/arriving_window.h"
+#include "core/similarity/pair_window.h"
 #include "core/similarity/row_window.h"
 #include "core/support/line_vector.h"
 #include "core/support/registers.h"
@@ -45,14 +45,16 @@ struct CorrelationTile {
 /// one stream: rows or planes of a window, and in each the quantities.
 template <class T>
 struct CorrelationWork {
-  LineVector<T> images;               ///< both and the weights, of the planes of a window; 0 beyond the lattice
-  LineVector<T> common;               ///< sums of products over the planes that two windows have in common
-  LineVector<T> product_rows;         ///< see ArrivingWindow
-  LineVector<T> coefficient_rows;     ///< the same of coefficients
-  LineVector<T> coefficient_planes;   ///< the same of their sums along y
-  LineVector<T> products, gradients;  ///< a row to be summed along x, quantity after quantity, between margins
-  LineVector<T> summed;               ///< along x
-  LineVector<T> shares, floors, own;  ///< by column
+  LineVector<T> images;                  ///< both and the weights, of the planes of a window; 0 beyond the lattice
+  LineVector<T> common;                  ///< sums of products over the planes that two windows have in common
+  LineVector<T> product_rows;            ///< see PairWindow
+  LineVector<T> coefficient_rows;        ///< the same of coefficients
+  LineVector<T> coefficient_planes;      ///< the same of their sums along x and y
+  LineVector<T> first_planes;            ///< such sums, which wait for the second plane of a pair
+  LineVector<T> products, coefficients;  ///< rows to be summed along x, quantity after quantity, between margins
+  LineVector<T> summed;                  ///< products along x
+  LineVector<T> coefficient_sums;        ///< coefficients along x, then along y, quantity after quantity
+  LineVector<T> shares, floors, own;     ///< by column
 };
 
 /// `Sums`: f, w, f^2, w^2, f w and, with weights, the weight. `Coefficients`: 3, or 6 with the gradient of the weights.
@@ -74,40 +76,41 @@ class CorrelationSweep {
     padded_ = count_ + 2 * margin_;
     own_begin_ = static_cast<std::size_t>(tile.columns.begin - first_column_);
     own_end_ = own_begin_ + static_cast<std::size_t>(tile.columns.count());
+    own_count_ = whole(tile.columns.count());
     rows_ = tile.rows.grown(2 * shape.radius[1], shape.size[1]);
     set_up_work();
   }
 
   /// Writes the tile's gradients; its energy.
   double run() {
-    const int ry = radius(1), rz = radius(2);
+    const int ry = radius(1), rz = radius(2), step = rows_at_once();
     const SiteRange windows = tile_.rows.grown(ry, shape_.size[1]), centres = tile_.planes.grown(rz, shape_.size[2]);
     for (int plane = centres.begin - rz; plane < centres.begin + rz; ++plane)
       for (int row = rows_.begin; row < rows_.end; ++row) take_row(row, plane);
-    for (int centre = centres.begin; centre < tile_.planes.end + rz; ++centre) {
+    const int planes = tile_.planes.end + rz - centres.begin;
+    for (int i = 0; i < planes + planes % 2; ++i) {
+      const int centre = centres.begin + i;
+      const bool is_first = i % 2 == 0, has_windows = centres.holds(centre);
       std::fill(work_.product_rows.begin(), work_.product_rows.end(), T(0));
       std::fill(work_.coefficient_rows.begin(), work_.coefficient_rows.end(), T(0));
-      const bool is_first = (centre - centres.begin) % 2 == 0;
-      for (int row = rows_.begin; row < tile_.rows.end + 2 * ry; ++row) {
+      const Window planes_arriving(rz, i / 2);
+      for (int row = rows_.begin; row < tile_.rows.end + 2 * ry; row += step) {
         const int at = row - ry, own = row - 2 * ry;
-        if (centres.holds(centre)) {
-          const Window arriving(ry, row);
-          if (rows_.holds(row)) {
-            take_row(row, centre + rz);
-            is_first ? sum_products<true>(row, centre + rz, arriving) : sum_products<false>(row, centre + rz, arriving);
-          } else {
-            no_products(arriving);
-          }
+        const Window arriving(ry, (row - rows_.begin) / 2);
+        if (has_windows) {
+          for (int j = 0; j < step; ++j)
+            if (rows_.holds(row + j)) take_row(row + j, centre + rz);
+          is_first ? sum_products<true>(row, centre + rz, arriving) : sum_products<false>(row, centre + rz, arriving);
         }
-        if (at >= windows.begin) {
-          const bool is_own_row = tile_.rows.holds(own);
-          const Onward onward{{ry, at}, {rz, centre}, is_own_row, is_own_row ? coefficient_planes(own) : nullptr};
-          if (centres.holds(centre) && windows.holds(at))
-            find_coefficients(at, centre, onward);
+        if (at + step <= windows.begin) continue;
+        for (int j = 0; j < step; ++j)
+          if (has_windows && windows.holds(at + j))
+            find_coefficients(at + j, centre, j);
           else
-            no_coefficients(onward);
-        }
-        if (tile_.rows.holds(own) && tile_.planes.holds(centre - rz)) find_gradient(own, centre - rz);
+            no_coefficients(j);
+        sum_coefficients(own, is_first, arriving);
+        for (int j = 0; j < step; ++j)
+          if (!is_first && tile_.rows.holds(own + j)) find_gradients(own + j, centre - rz, j, planes_arriving);
       }
     }
     double energy = 0;
@@ -117,23 +120,36 @@ class CorrelationSweep {
 
  private:
   using Lanes = Register<T>;
-  using Window = ArrivingWindow<Across, T>;
+  using Window = PairWindow<Across, T>;
   static constexpr std::size_t kLanes = kRegisterLanes<T>, kChannels = Sums - 3;
 
   static std::size_t whole(int columns) { return (static_cast<std::size_t>(columns) + kLanes - 1) / kLanes * kLanes; }
   int radius(int axis) const { return Across < 0 ? shape_.radius[axis] : Across; }
-  std::size_t planes() const { return static_cast<std::size_t>(2 * radius(2) + 1); }
-  /// Of a plane among those of a window.
+  /// That are kept of the images: those of two windows.
+  std::size_t planes() const { return static_cast<std::size_t>(2 * radius(2) + 2); }
+  /// Of a plane among those.
   std::size_t place(int plane) const {
-    const int count = 2 * radius(2) + 1;
+    const int count = 2 * radius(2) + 2;
     return static_cast<std::size_t>((plane + count) % count);
   }
-  T* images(int row) const {
-    return work_.images.data() + static_cast<std::size_t>(row - rows_.begin) * count_ * planes() * kChannels;
-  }
+  int rows_at_once() const { return radius(1) == 0 ? 1 : 2; }
+  /// Of a row among those that are kept; those beyond share one that is 0.
+  std::size_t kept(int row) const { return static_cast<std::size_t>(std::min(row, rows_.end) - rows_.begin); }
+  T* images(int row) const { return work_.images.data() + kept(row) * count_ * planes() * kChannels; }
+  T* common(int row) const { return work_.common.data() + kept(row) * count_ * Sums; }
+  /// Of one of the tile's rows, its first register.
   T* coefficient_planes(int row) const {
-    return work_.coefficient_planes.data() +
-           static_cast<std::size_t>(row - tile_.rows.begin) * count_ / kLanes * Window::state(radius(2), Coefficients);
+    return work_.coefficient_planes.data() + static_cast<std::size_t>(row - tile_.rows.begin) * own_count_ / kLanes *
+                                                 Window::state(radius(2), Coefficients);
+  }
+  T* first_plane(int row) const {
+    return work_.first_planes.data() + static_cast<std::size_t>(row - tile_.rows.begin) * own_count_ * Coefficients;
+  }
+  T* products(int which) const { return work_.products.data() + static_cast<std::size_t>(which) * Sums * padded_; }
+  /// From the tile's first column on, `count_` + a register apart.
+  T* coefficient_sums(int which) const {
+    return work_.coefficient_sums.data() + static_cast<std::size_t>(which) * Coefficients * (count_ + kLanes) + kLanes +
+           own_begin_;
   }
   std::size_t site(std::size_t column, int row, int plane) const {
     return (static_cast<std::size_t>(plane) * static_cast<std::size_t>(shape_.size[1]) +
@@ -151,15 +167,18 @@ class CorrelationSweep {
 
   void set_up_work() {
     const std::size_t rows = static_cast<std::size_t>(rows_.count()), registers = count_ / kLanes;
-    work_.images.resize(rows * count_ * planes() * kChannels);
-    work_.common.resize(rows * count_ * Sums);
+    const std::size_t own_rows = static_cast<std::size_t>(tile_.rows.count());
+    work_.images.resize((rows + 1) * count_ * planes() * kChannels);
+    std::fill_n(images(rows_.end), count_ * planes() * kChannels, T(0));
+    work_.common.resize((rows + 1) * count_ * Sums);
     work_.product_rows.resize(registers * Window::state(radius(1), Sums));
-    work_.coefficient_rows.resize(registers * Window::state(radius(1), Coefficients));
-    work_.coefficient_planes.assign(
-        static_cast<std::size_t>(tile_.rows.count()) * registers * Window::state(radius(2), Coefficients), T(0));
-    work_.products.assign(Sums * padded_, T(0));
-    work_.gradients.assign(Coefficients * padded_, T(0));
-    work_.summed.resize(std::max(Sums, Coefficients) * count_);
+    work_.coefficient_rows.resize(own_count_ / kLanes * Window::state(radius(1), Coefficients));
+    work_.coefficient_planes.assign(own_rows * own_count_ / kLanes * Window::state(radius(2), Coefficients), T(0));
+    work_.first_planes.resize(own_rows * own_count_ * Coefficients);
+    work_.products.assign(2 * Sums * padded_, T(0));
+    work_.coefficients.assign(Coefficients * padded_, T(0));
+    work_.summed.resize(Sums * count_);
+    work_.coefficient_sums.resize(2 * Coefficients * (count_ + kLanes));
     // Beyond the lattice windows have no share in anything, and a variance that can be divided by.
     work_.shares.assign(count_, T(0));
     work_.floors.assign(count_, T(1));
@@ -225,20 +244,22 @@ class CorrelationSweep {
     }
   }
 
-  /// Sums the products of a row along z, up to `plane`, which has just been taken in, and along y. Two windows have all
-  /// planes in common but one each: the first one leaves what it found of those to the second.
+  /// Sums the products of two rows along z, up to `plane`, which has just been taken in, and along y. Two windows have
+  /// all planes in common but one each: the first one leaves what it found of those to the second.
   template <bool IsFirst>
   void sum_products(int row, int plane, const Window& arriving) {
     constexpr std::size_t slot = kChannels * kLanes;
-    const std::size_t state = Window::state(radius(1), Sums), last = (planes() - 1) * slot;
-    const std::size_t newest = place(plane) * slot, oldest = newest == last ? 0 : newest + slot;
-    const T* from = images(row);
-    T* common = work_.common.data() + static_cast<std::size_t>(row - rows_.begin) * count_ * Sums;
-    T *rows = work_.product_rows.data(), *to = work_.products.data() + margin_;
-    for (std::size_t x = 0; x < count_; x += kLanes, from += last + slot, common += Sums * kLanes, rows += state) {
-      Lanes sums[Sums] = {};
+    const std::size_t state = Window::state(radius(1), Sums), last = (planes() - 1) * slot, padded = padded_;
+    const std::size_t newest = place(plane) * slot, oldest = place(plane - 2 * radius(2)) * slot, count = count_;
+    const bool is_pair = rows_at_once() == 2;
+    const T *from_a = images(row), *from_b = images(row + 1);
+    T *common_a = common(row), *common_b = common(row + 1);
+    T *rows = work_.product_rows.data(), *to_a = products(0) + margin_, *to_b = products(1) + margin_;
+    const auto along_planes = [&](const T* from, T* common, Lanes(&sums)[Sums]) __attribute__((always_inline)) {
       if constexpr (IsFirst) {
-        for (std::size_t i = 1, at = oldest; i < planes(); ++i) {
+#pragma GCC unroll 6
+        for (std::size_t k = 0; k < Sums; ++k) sums[k] = Lanes{};
+        for (std::size_t i = 2, at = oldest; i < planes(); ++i) {
           at = at == last ? 0 : at + slot;
           add_products(from + at, sums);
         }
@@ -250,71 +271,60 @@ class CorrelationSweep {
         for (std::size_t k = 0; k < Sums; ++k) sums[k] = load(common + k * kLanes);
         add_products(from + newest, sums);
       }
-      arriving.arrive(rows, sums);
+    };
+    for (std::size_t x = 0; x < count; x += kLanes) {
+      Lanes a[Sums], b[Sums];
+      along_planes(from_a, common_a, a);
+      from_a += last + slot, common_a += Sums * kLanes;
+      if (is_pair) {
+        along_planes(from_b, common_b, b);
+        from_b += last + slot, common_b += Sums * kLanes;
+        arriving.arrive(rows, a, b);
+        rows += state;
 #pragma GCC unroll 6
-      for (std::size_t k = 0; k < Sums; ++k) store<T>(sums[k], to + k * padded_ + x);
+        for (std::size_t k = 0; k < Sums; ++k) store<T>(b[k], to_b + k * padded + x);
+      }
+#pragma GCC unroll 6
+      for (std::size_t k = 0; k < Sums; ++k) store<T>(a[k], to_a + k * padded + x);
     }
   }
 
-  /// The same of a row beyond the lattice.
-  void no_products(const Window& arriving) {
-    T *rows = work_.product_rows.data(), *to = work_.products.data() + margin_;
-    for (std::size_t x = 0; x < count_; x += kLanes, rows += Window::state(radius(1), Sums)) {
-      Lanes sums[Sums] = {};
-      arriving.arrive(rows, sums);
-#pragma GCC unroll 6
-      for (std::size_t k = 0; k < Sums; ++k) store<T>(sums[k], to + k * padded_ + x);
-    }
+  void no_coefficients(int which) {
+    T* to = work_.coefficient_sums.data() + static_cast<std::size_t>(which) * Coefficients * (count_ + kLanes);
+    std::fill_n(to, Coefficients * (count_ + kLanes), T(0));
   }
 
-  /// Where coefficients go: the row and the plane that arrive with them, whether the row that they complete is one of
-  /// the tile's, and what is kept of its planes.
-  struct Onward {
-    Window row, plane;
-    bool completes_own;
-    T* planes;
-  };
-  /// Of one register.
-  [[gnu::always_inline]] void hand_on(std::size_t x, Lanes (&coefficients)[Coefficients], const Onward& onward) {
-    const std::size_t at = x / kLanes;
-    onward.row.arrive(work_.coefficient_rows.data() + at * Window::state(radius(1), Coefficients), coefficients);
-    if (!onward.completes_own) return;
-    onward.plane.arrive(onward.planes + at * Window::state(radius(2), Coefficients), coefficients);
-    T* to = work_.gradients.data() + margin_ + x;
-#pragma GCC unroll 6
-    for (std::size_t k = 0; k < Coefficients; ++k) store<T>(coefficients[k], to + k * padded_);
-  }
-
-  void no_coefficients(const Onward& onward) {
-    for (std::size_t x = 0; x < count_; x += kLanes) {
-      Lanes none[Coefficients] = {};
-      hand_on(x, none, onward);
-    }
-  }
-
-  /// Rows to be summed along x, from column `begin` on.
+  /// The sums along x of `rows`, which are padded; their margins are 0 again.
   template <std::size_t Quantities>
-  [[gnu::always_inline]] RowWindow<Along, Quantities, T> along_rows(T* rows, std::size_t begin) {
-    if (Along > 0 || shape_.radius[0] == 0) return {rows + margin_, padded_, begin};
+  void sum_along_rows(T* rows, T* to, std::size_t stride) {
     for (std::size_t k = 0; k < Quantities; ++k) {
       T* row = rows + k * padded_;
-      sum_along_row(count_, shape_.radius[0], row + margin_ - shape_.radius[0], work_.summed.data() + k * count_);
+      sum_along_row(count_, shape_.radius[0], row + margin_ - shape_.radius[0], to + k * stride);
       std::fill_n(row, margin_, T(0));
       std::fill_n(row + margin_ + count_, margin_, T(0));
     }
-    return {work_.summed.data(), count_, begin};
+  }
+  [[gnu::always_inline]] RowWindow<Along, Sums, T> product_windows(T* rows) {
+    if constexpr (Along > 0) return {rows + margin_, padded_, 0};
+    sum_along_rows<Sums>(rows, work_.summed.data(), count_);
+    return {work_.summed.data(), count_, 0};
   }
 
-  /// Of one row of windows. Without weights a window's are counted.
-  void find_coefficients(int row, int plane, const Onward& onward) {
+  /// Of one row of windows, the first or second one of two, and their sums along x. Without weights a window's are
+  /// counted.
+  void find_coefficients(int row, int plane, int which) {
     const T volume = static_cast<T>(shape_.volume);
     const T across = T(1) / static_cast<T>(shape_.window_count(1, row) * shape_.window_count(2, plane));
     const T *shares = work_.shares.data(), *floors = work_.floors.data(), *own = work_.own.data();
     const T* weights = images(row) + (place(plane) * kChannels + 2) * kLanes;
     const bool is_own = tile_.rows.holds(row) && tile_.planes.holds(plane);
-    auto windows = along_rows<Sums>(work_.products.data(), 0);
+    const std::size_t count = count_, stride = count + kLanes, padded = padded_;
+    T* sums = work_.coefficient_sums.data() + static_cast<std::size_t>(which) * Coefficients * stride;
+    T* line = work_.coefficients.data() + margin_;
+    RowWindow<Along, Sums, T> windows = product_windows(products(which));
+    RowWindow<Along, Coefficients, T> coefficient_windows;
     Lanes energy = {};
-    for (std::size_t x = 0; x < count_; x += kLanes) {
+    for (std::size_t x = 0; x < count; x += kLanes) {
       Lanes s[Sums], k[Coefficients], weight, share, seen;
       windows.next(s);
       if constexpr (Sums == 5) {
@@ -345,7 +355,15 @@ class CorrelationSweep {
         k[4] = d * mean_f - a * mean_w;
         k[5] = a * (mean_f * mean_w - cov) - T(0.5) * (d * (mean_f * mean_f - v_f) + b * (mean_w * mean_w - v_w));
       }
-      hand_on(x, k, onward);
+      if constexpr (Along > 0) {
+        Lanes along[Coefficients];
+        coefficient_windows.enter(k, along);  // of the register before
+#pragma GCC unroll 6
+        for (std::size_t i = 0; i < Coefficients; ++i) store<T>(along[i], sums + i * stride + x);
+      } else {
+#pragma GCC unroll 6
+        for (std::size_t i = 0; i < Coefficients; ++i) store<T>(k[i], line + i * padded + x);
+      }
       if constexpr (Sums == 5) {
         energy += load(own + x) * (1 - c);
       } else {
@@ -356,45 +374,109 @@ class CorrelationSweep {
             store_first<T>(own_end_ - x, volume * rest, scene_.weight_gradient + site(x, row, plane));
       }
     }
+    if constexpr (Along > 0) {
+      const Lanes beyond[Coefficients] = {};
+      Lanes along[Coefficients];
+      coefficient_windows.enter(beyond, along);
+#pragma GCC unroll 6
+      for (std::size_t i = 0; i < Coefficients; ++i) store<T>(along[i], sums + i * stride + count);
+    } else {
+      sum_along_rows<Coefficients>(work_.coefficients.data(), sums + kLanes, stride);
+    }
     if (is_own)  // a row's in T, then in double
       for (std::size_t lane = 0; lane < kLanes; ++lane) energy_[lane] += double(energy[lane]);
   }
 
-  /// Of one row, from the sums of its coefficients along y and z.
-  void find_gradient(int row, int plane) {
-    const std::size_t first = site(0, row, plane), step = planes() * kChannels;
-    foresee(scene_.gradient + first, row);
-    const T* own = images(row) + place(plane) * kChannels * kLanes;
-    auto windows = along_rows<Coefficients>(work_.gradients.data(), own_begin_);
-    const auto find = [&](std::size_t x, const auto& read, const auto& write) {
-      Lanes s[Coefficients];
-      windows.next(s);
-      Lanes f = load(own + x * step), w = load(own + x * step + kLanes);
-      if constexpr (Coefficients == 6) {  // also of what is hidden
-        f = read(scene_.fixed + first + x) - scene_.middle_fixed;
-        w = read(scene_.warped + first + x) - scene_.middle_warped;
+  /// Sums those of two rows along y, which completes the two from `own` on. In a first plane they wait for the second.
+  void sum_coefficients(int own, bool is_first, const Window& arriving) {
+    const std::size_t stride = count_ + kLanes, state = Window::state(radius(1), Coefficients), count = own_count_;
+    const bool is_pair = rows_at_once() == 2;
+    T *a = coefficient_sums(0), *b = coefficient_sums(1), *rows = work_.coefficient_rows.data();
+    const bool keep_a = is_first && tile_.rows.holds(own), keep_b = is_first && tile_.rows.holds(own + 1);
+    T *to_a = keep_a ? first_plane(own) : a, *to_b = keep_b ? first_plane(own + 1) : b;
+    const std::size_t stride_a = keep_a ? count : stride, stride_b = keep_b ? count : stride;
+    if (!is_pair && !keep_a) return;
+    for (std::size_t x = 0; x < count; x += kLanes) {
+      Lanes first[Coefficients], second[Coefficients];
+#pragma GCC unroll 6
+      for (std::size_t k = 0; k < Coefficients; ++k) first[k] = load(a + k * stride + x);
+      if (is_pair) {
+#pragma GCC unroll 6
+        for (std::size_t k = 0; k < Coefficients; ++k) second[k] = load(b + k * stride + x);
+        arriving.arrive(rows, first, second);
+        rows += state;
+#pragma GCC unroll 6
+        for (std::size_t k = 0; k < Coefficients; ++k) store<T>(second[k], to_b + k * stride_b + x);
       }
-      Lanes slope = w * s[1] + s[2] - f * s[0];
-      if constexpr (Sums == 6) {
-        const Lanes weight = load(own + x * step + 2 * kLanes);
-        slope = weight == 0 ? Lanes{} : weight * slope;
+#pragma GCC unroll 6
+      for (std::size_t k = 0; k < Coefficients; ++k) store<T>(first[k], to_a + k * stride_a + x);
+    }
+  }
+
+  /// Of one row, the `which`-th of two, in `plane` and the one before, from the sums along x and y of its coefficients.
+  void find_gradients(int row, int plane, int which, const Window& arriving) {
+    const std::size_t step = planes() * kChannels, stride = count_ + kLanes, count = own_count_;
+    const std::size_t state = Window::state(radius(2), Coefficients);
+    const T *first = first_plane(row), *second = coefficient_sums(which);
+    T* kept = coefficient_planes(row);
+    const bool has_first = tile_.planes.holds(plane - 1), has_second = tile_.planes.holds(plane);
+    const std::size_t own = static_cast<std::size_t>(tile_.columns.count());
+    const std::size_t site_a = site(own_begin_, row, has_first ? plane - 1 : plane),
+                      site_b = site(own_begin_, row, plane);
+    const T* image = images(row) + own_begin_ * step;
+    const T *image_a = image + place(plane - 1) * kChannels * kLanes,
+            *image_b = image + place(plane) * kChannels * kLanes;
+    if (has_first) foresee(scene_.gradient + site_a, row);
+    if (has_second) foresee(scene_.gradient + site_b, row);
+    const auto sum = [&](std::size_t x, Lanes(&a)[Coefficients], Lanes(&b)[Coefficients])
+        __attribute__((always_inline)) {
+#pragma GCC unroll 6
+      for (std::size_t k = 0; k < Coefficients; ++k) {
+        a[k] = load(first + k * count + x);
+        b[k] = load(second + k * stride + x);
       }
-      write(slope, scene_.gradient + first + x);
-      if constexpr (Coefficients == 6) {
-        T* weight_gradient = scene_.weight_gradient + first + x;
-        const Lanes terms = w * (s[2] - f * s[0] + T(0.5) * w * s[1]) + f * (T(0.5) * f * s[3] - s[4]) - s[5];
-        write(read(weight_gradient) + terms, weight_gradient);
-      }
+      arriving.arrive(kept, a, b);
+      kept += state;
     };
-    std::size_t x = own_begin_;
-    for (; x + kLanes <= own_end_; x += kLanes)
-      find(
-          x, [](const T* from) { return load(from); }, [](const Lanes& values, T* to) { store<T>(values, to); });
-    const std::size_t left = own_end_ - x;
-    if (left > 0)
-      find(
-          x, [&](const T* from) { return load_first(left, from, T(0)); },
-          [&](const Lanes& values, T* to) { store_first<T>(left, values, to); });
+    std::size_t x = 0;
+    const auto read = [](const T* from) { return load(from); };
+    const auto write = [](const Lanes& values, T* to) { store<T>(values, to); };
+    for (; x + kLanes <= own; x += kLanes) {
+      Lanes a[Coefficients], b[Coefficients];
+      sum(x, a, b);
+      if (has_first) find_gradient(a, image_a + x * step, site_a + x, read, write);
+      if (has_second) find_gradient(b, image_b + x * step, site_b + x, read, write);
+    }
+    const std::size_t left = own - x;
+    if (left == 0) return;
+    const auto read_first = [&](const T* from) { return load_first(left, from, T(0)); };
+    const auto write_first = [&](const Lanes& values, T* to) { store_first<T>(left, values, to); };
+    Lanes a[Coefficients], b[Coefficients];
+    sum(x, a, b);
+    if (has_first) find_gradient(a, image_a + x * step, site_a + x, read_first, write_first);
+    if (has_second) find_gradient(b, image_b + x * step, site_b + x, read_first, write_first);
+  }
+
+  /// Of a register, from the window sums `s` of its coefficients and what is kept of its images.
+  template <class Read, class Write>
+  [[gnu::always_inline]] void find_gradient(const Lanes (&s)[Coefficients], const T* images, std::size_t site,
+                                            const Read& read, const Write& write) const {
+    Lanes f = load(images), w = load(images + kLanes);
+    if constexpr (Coefficients == 6) {  // also of what is hidden
+      f = read(scene_.fixed + site) - scene_.middle_fixed;
+      w = read(scene_.warped + site) - scene_.middle_warped;
+    }
+    Lanes slope = w * s[1] + s[2] - f * s[0];
+    if constexpr (Sums == 6) {
+      const Lanes weight = load(images + 2 * kLanes);
+      slope = weight == 0 ? Lanes{} : weight * slope;
+    }
+    write(slope, scene_.gradient + site);
+    if constexpr (Coefficients == 6) {
+      T* weight_gradient = scene_.weight_gradient + site;
+      const Lanes terms = w * (s[2] - f * s[0] + T(0.5) * w * s[1]) + f * (T(0.5) * f * s[3] - s[4]) - s[5];
+      write(read(weight_gradient) + terms, weight_gradient);
+    }
   }
 
   const CorrelationShape& shape_;
@@ -402,8 +484,8 @@ class CorrelationSweep {
   const CorrelationTile tile_;
   CorrelationWork<T>& work_;
   int first_column_;
-  /// Columns from `first_column_` on: of the lattice; in whole registers; with margins; the tile's own.
-  std::size_t width_, count_, margin_, padded_, own_begin_, own_end_;
+  /// Columns from `first_column_` on: of the lattice; in whole registers; with margins; the tile's own, in registers.
+  std::size_t width_, count_, margin_, padded_, own_begin_, own_end_, own_count_;
   SiteRange rows_;
   std::array<double, kLanes> energy_{};
 };

@@ -28,22 +28,31 @@ class RowWindow {
     }
   }
 
+  /// Of registers that `enter` one after the other; before the first there is 0.
+  [[gnu::always_inline]] RowWindow() : next_(nullptr), stride_(0), here_{}, before_{} {}
+
   [[gnu::always_inline]] void next(Register<T> (&sums)[Quantities]) {
     if constexpr (Radius > 0) next_ += kRegisterLanes<T>;
+    Register<T> entering[Quantities];
+#pragma GCC unroll 6
+    for (std::size_t k = 0; k < Quantities; ++k) entering[k] = load(next_ + k * stride_);
+    enter(entering, sums);
+    if constexpr (Radius == 0) next_ += kRegisterLanes<T>;
+  }
+  /// The sums of the register before the one that enters; of itself when the radius is 0.
+  [[gnu::always_inline]] void enter(const Register<T> (&entering)[Quantities], Register<T> (&sums)[Quantities]) {
 #pragma GCC unroll 6
     for (std::size_t k = 0; k < Quantities; ++k) {
-      const Register<T> entering = load(next_ + k * stride_);
       if constexpr (Radius == 0) {
-        sums[k] = entering;
+        sums[k] = entering[k];
       } else {
-        const Register<T> own = followers(here_[k], entering);
+        const Register<T> own = followers(here_[k], entering[k]);
         sums[k] = shifted<static_cast<int>(kRegisterLanes<T>) - Radius, T>(before_[k], own) +
-                  (own + shifted<Radius, T>(here_[k], entering));
+                  (own + shifted<Radius, T>(here_[k], entering[k]));
         before_[k] = own;
-        here_[k] = entering;
+        here_[k] = entering[k];
       }
     }
-    if constexpr (Radius == 0) next_ += kRegisterLanes<T>;
   }
 
  private:
