@@ -310,6 +310,10 @@ class CorrelationSweep {
     return {work_.summed.data(), count_, 0};
   }
 
+  /// Of a register of windows; see local_correlation.cpp. `inverse` and `root` are those of the product of variances.
+  struct Moments {
+    Lanes share, weight, seen, mean_f, mean_w, v_f, v_w, var_f, var_w, cov, inverse, root;
+  };
   /// Of one row of windows, the first or second one of two, and their sums along x. Without weights a window's are
   /// counted.
   void find_coefficients(int row, int plane, int which) {
@@ -324,36 +328,44 @@ class CorrelationSweep {
     RowWindow<Along, Sums, T> windows = product_windows(products(which));
     RowWindow<Along, Coefficients, T> coefficient_windows;
     Lanes energy = {};
-    for (std::size_t x = 0; x < count; x += kLanes) {
-      Lanes s[Sums], k[Coefficients], weight, share, seen;
+    const auto begin = [&](std::size_t x) __attribute__((always_inline)) {
+      Moments m;
+      Lanes s[Sums];
       windows.next(s);
       if constexpr (Sums == 5) {
-        share = across * load(shares + x);
+        m.share = across * load(shares + x);
       } else {
-        weight = load(weights + x * planes() * kChannels);
-        const auto sees = Coefficients == 6 ? s[5] > T(1e-6) : (s[5] > T(1e-6)) & (weight != 0);  // else c is 0
-        share = sees ? 1 / s[5] : Lanes{};
-        seen = sees ? Lanes{} + 1 : Lanes{};
+        m.weight = load(weights + x * planes() * kChannels);
+        const auto sees = Coefficients == 6 ? s[5] > T(1e-6) : (s[5] > T(1e-6)) & (m.weight != 0);  // else c is 0
+        m.share = sees ? 1 / s[5] : Lanes{};
+        m.seen = sees ? Lanes{} + 1 : Lanes{};
       }
       const Lanes floor = load(floors + x);
-      const Lanes mean_f = s[0] * share, mean_w = s[1] * share;
-      const Lanes e_f = s[2] * share - mean_f * mean_f, e_w = s[3] * share - mean_w * mean_w;
-      const Lanes v_f = e_f > 0 ? e_f : Lanes{}, v_w = e_w > 0 ? e_w : Lanes{};
-      const Lanes var_f = v_f + floor, var_w = v_w + floor, cov = s[4] * share - mean_f * mean_w;
+      m.mean_f = s[0] * m.share, m.mean_w = s[1] * m.share;
+      const Lanes e_f = s[2] * m.share - m.mean_f * m.mean_f, e_w = s[3] * m.share - m.mean_w * m.mean_w;
+      m.v_f = e_f > 0 ? e_f : Lanes{}, m.v_w = e_w > 0 ? e_w : Lanes{};
+      m.var_f = m.v_f + floor, m.var_w = m.v_w + floor, m.cov = s[4] * m.share - m.mean_f * m.mean_w;
       // The root does not wait for the quotient.
-      const Lanes var2 = var_f * var_w, q2 = 1 / var2, q = q2 * square_root<T>(var2), c = cov * q;
-      Lanes factor = volume * share;
-      if constexpr (Sums == 6) factor *= weight;
-      const Lanes a = factor * q, b = factor * c * (q2 * var_f);
+      const Lanes var2 = m.var_f * m.var_w;
+      m.inverse = 1 / var2, m.root = square_root<T>(var2);
+      return m;
+    };
+    const auto finish = [&](std::size_t x, const Moments& m) __attribute__((always_inline)) {
+      Lanes k[Coefficients];
+      const Lanes q = m.inverse * m.root, c = m.cov * q;
+      Lanes factor = volume * m.share;
+      if constexpr (Sums == 6) factor *= m.weight;
+      const Lanes a = factor * q, b = factor * c * (m.inverse * m.var_f);
       k[0] = a;
       k[1] = b;
-      k[2] = a * mean_f - b * mean_w;
+      k[2] = a * m.mean_f - b * m.mean_w;
       if constexpr (Coefficients == 6) {
         // dc/dweight(y) = [ q ((f-mf)(w-mw) - cov) - c/2 ((f-mf)^2 - v_f)/var_f - c/2 ((w-mw)^2 - v_w)/var_w ] / S_w
-        const Lanes d = factor * c * (q2 * var_w);
+        const Lanes d = factor * c * (m.inverse * m.var_w);
         k[3] = d;
-        k[4] = d * mean_f - a * mean_w;
-        k[5] = a * (mean_f * mean_w - cov) - T(0.5) * (d * (mean_f * mean_f - v_f) + b * (mean_w * mean_w - v_w));
+        k[4] = d * m.mean_f - a * m.mean_w;
+        k[5] = a * (m.mean_f * m.mean_w - m.cov) -
+               T(0.5) * (d * (m.mean_f * m.mean_f - m.v_f) + b * (m.mean_w * m.mean_w - m.v_w));
       }
       if constexpr (Along > 0) {
         Lanes along[Coefficients];
@@ -367,13 +379,21 @@ class CorrelationSweep {
       if constexpr (Sums == 5) {
         energy += load(own + x) * (1 - c);
       } else {
-        const Lanes rest = 1 - seen * c;
-        energy += load(own + x) * weight * rest;
+        const Lanes rest = 1 - m.seen * c;
+        energy += load(own + x) * m.weight * rest;
         if constexpr (Coefficients == 6)
           if (is_own && own_begin_ <= x && x < own_end_)
             store_first<T>(own_end_ - x, volume * rest, scene_.weight_gradient + site(x, row, plane));
       }
+    };
+    // A register is finished when the next one has begun: quotient and root take longer than all the rest.
+    Moments moments = begin(0);
+    for (std::size_t x = kLanes; x < count; x += kLanes) {
+      const Moments next = begin(x);
+      finish(x - kLanes, moments);
+      moments = next;
     }
+    finish(count - kLanes, moments);
     if constexpr (Along > 0) {
       const Lanes beyond[Coefficients] = {};
       Lanes along[Coefficients];
