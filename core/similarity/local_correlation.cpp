@@ -67,9 +67,9 @@ class LocalCorrelation final : public Similarity<Dim, T> {
     const int registers = (width + lanes - 1) / lanes, strips = (registers + kMostRegisters - 1) / kMostRegisters;
     // Rows that the cache holds: those of the images go beyond a tile by two radii on both sides.
     const std::size_t row = static_cast<std::size_t>((registers + strips - 1) / strips) * kRegisterBytes;
-    const std::size_t products = row * ((sums - 3) * shape_.window(2) + sums);
-    const std::size_t both = products + row * coefficients * 2 * static_cast<std::size_t>(shape_.radius[2]);
-    const long bytes = static_cast<long>(kCacheBytes) - 4 * shape_.radius[1] * static_cast<long>(products);
+    const std::size_t images = row * (sums - 3) * (shape_.window(2) + 1);
+    const std::size_t both = images + row * coefficients * shape_.window(2);
+    const long bytes = static_cast<long>(kCacheBytes) - 4 * shape_.radius[1] * static_cast<long>(images);
     const int least = std::max(8, 2 * shape_.radius[1]);  // a tile's own rows are worth those beside it
     const int most =
         static_cast<int>(std::clamp<long>(bytes / static_cast<long>(both), least, std::max(least, (height + 1) / 2)));

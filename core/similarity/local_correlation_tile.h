@@ -46,7 +46,6 @@ struct CorrelationTile {
 template <class T>
 struct CorrelationWork {
   LineVector<T> images;                  ///< both and the weights, of the planes of a window; 0 beyond the lattice
-  LineVector<T> common;                  ///< sums of products over the planes that two windows have in common
   LineVector<T> product_rows;            ///< see PairWindow
   LineVector<T> coefficient_rows;        ///< the same of coefficients
   LineVector<T> coefficient_planes;      ///< the same of their sums along x and y
@@ -100,7 +99,7 @@ class CorrelationSweep {
         if (has_windows) {
           for (int j = 0; j < step; ++j)
             if (rows_.holds(row + j)) take_row(row + j, centre + rz);
-          is_first ? sum_products<true>(row, centre + rz, arriving) : sum_products<false>(row, centre + rz, arriving);
+          sum_products(row, centre + rz, arriving);
         }
         if (at + step <= windows.begin) continue;
         for (int j = 0; j < step; ++j)
@@ -136,7 +135,6 @@ class CorrelationSweep {
   /// Of a row among those that are kept; those beyond share one that is 0.
   std::size_t kept(int row) const { return static_cast<std::size_t>(std::min(row, rows_.end) - rows_.begin); }
   T* images(int row) const { return work_.images.data() + kept(row) * count_ * planes() * kChannels; }
-  T* common(int row) const { return work_.common.data() + kept(row) * count_ * Sums; }
   /// Of one of the tile's rows, its first register.
   T* coefficient_planes(int row) const {
     return work_.coefficient_planes.data() + static_cast<std::size_t>(row - tile_.rows.begin) * own_count_ / kLanes *
@@ -170,7 +168,6 @@ class CorrelationSweep {
     const std::size_t own_rows = static_cast<std::size_t>(tile_.rows.count());
     work_.images.resize((rows + 1) * count_ * planes() * kChannels);
     std::fill_n(images(rows_.end), count_ * planes() * kChannels, T(0));
-    work_.common.resize((rows + 1) * count_ * Sums);
     work_.product_rows.resize(registers * Window::state(radius(1), Sums));
     work_.coefficient_rows.resize(own_count_ / kLanes * Window::state(radius(1), Coefficients));
     work_.coefficient_planes.assign(own_rows * own_count_ / kLanes * Window::state(radius(2), Coefficients), T(0));
@@ -244,43 +241,34 @@ class CorrelationSweep {
     }
   }
 
-  /// Sums the products of two rows along z, up to `plane`, which has just been taken in, and along y. Two windows have
-  /// all planes in common but one each: the first one leaves what it found of those to the second.
-  template <bool IsFirst>
+  /// Sums the products of two rows along z, up to `plane`, which has just been taken in, and along y. Products are made
+  /// anew for each window: to keep their sums takes as much of the second cache's time as to read the images again.
   void sum_products(int row, int plane, const Window& arriving) {
     constexpr std::size_t slot = kChannels * kLanes;
     const std::size_t state = Window::state(radius(1), Sums), last = (planes() - 1) * slot, padded = padded_;
-    const std::size_t newest = place(plane) * slot, oldest = place(plane - 2 * radius(2)) * slot, count = count_;
-    const bool is_pair = rows_at_once() == 2;
-    const T *from_a = images(row), *from_b = images(row + 1);
-    T *common_a = common(row), *common_b = common(row + 1);
-    T *rows = work_.product_rows.data(), *to_a = products(0) + margin_, *to_b = products(1) + margin_;
-    const auto along_planes = [&](const T* from, T* common, Lanes(&sums)[Sums]) __attribute__((always_inline)) {
-      if constexpr (IsFirst) {
+    const std::size_t oldest = place(plane - 2 * radius(2)) * slot, count = count_;
+    std::array<std::size_t, static_cast<std::size_t>(Across < 0 ? 1 : 2 * Across + 1)> places{oldest};
+    for (std::size_t i = 1; i < places.size(); ++i) places[i] = places[i - 1] == last ? 0 : places[i - 1] + slot;
+    const auto along_planes = [&](const T* from, Lanes(&sums)[Sums]) __attribute__((always_inline)) {
 #pragma GCC unroll 6
-        for (std::size_t k = 0; k < Sums; ++k) sums[k] = Lanes{};
-        for (std::size_t i = 2, at = oldest; i < planes(); ++i) {
-          at = at == last ? 0 : at + slot;
+      for (std::size_t k = 0; k < Sums; ++k) sums[k] = Lanes{};
+      if constexpr (Across < 0) {
+        for (std::size_t i = 1, at = oldest; i < planes(); ++i, at = at == last ? 0 : at + slot)
           add_products(from + at, sums);
-        }
-#pragma GCC unroll 6
-        for (std::size_t k = 0; k < Sums; ++k) store<T>(sums[k], common + k * kLanes);
-        add_products(from + oldest, sums);
       } else {
 #pragma GCC unroll 6
-        for (std::size_t k = 0; k < Sums; ++k) sums[k] = load(common + k * kLanes);
-        add_products(from + newest, sums);
+        for (std::size_t i = 0; i < places.size(); ++i) add_products(from + places[i], sums);
       }
     };
-    for (std::size_t x = 0; x < count; x += kLanes) {
+    const bool is_pair = rows_at_once() == 2;
+    const T *from_a = images(row), *from_b = images(row + 1);
+    T *rows = work_.product_rows.data(), *to_a = products(0) + margin_, *to_b = products(1) + margin_;
+    for (std::size_t x = 0; x < count; x += kLanes, from_a += last + slot, from_b += last + slot, rows += state) {
       Lanes a[Sums], b[Sums];
-      along_planes(from_a, common_a, a);
-      from_a += last + slot, common_a += Sums * kLanes;
+      along_planes(from_a, a);
       if (is_pair) {
-        along_planes(from_b, common_b, b);
-        from_b += last + slot, common_b += Sums * kLanes;
+        along_planes(from_b, b);
         arriving.arrive(rows, a, b);
-        rows += state;
 #pragma GCC unroll 6
         for (std::size_t k = 0; k < Sums; ++k) store<T>(b[k], to_b + k * padded + x);
       }
