@@ -50,9 +50,9 @@ struct CorrelationWork {
   LineVector<T> coefficient_rows;        ///< the same of coefficients
   LineVector<T> coefficient_planes;      ///< the same of their sums along x and y
   LineVector<T> first_planes;            ///< such sums, which wait for the second plane of a pair
-  LineVector<T> products, coefficients;  ///< rows to be summed along x, quantity after quantity, between margins
-  LineVector<T> summed;                  ///< products along x
-  LineVector<T> coefficient_sums;        ///< coefficients along x, then along y, quantity after quantity
+  LineVector<T> products, coefficients;  ///< rows to be summed along x, between margins
+  LineVector<T> summed;                  ///< such rows along x
+  LineVector<T> coefficient_sums;        ///< coefficients along x, then along y
   LineVector<T> shares, floors, own;     ///< by column
 };
 
@@ -144,11 +144,21 @@ class CorrelationSweep {
     return work_.first_planes.data() + static_cast<std::size_t>(row - tile_.rows.begin) * own_count_ * Coefficients;
   }
   T* products(int which) const { return work_.products.data() + static_cast<std::size_t>(which) * Sums * padded_; }
-  /// From the tile's first column on, `count_` + a register apart.
+  /// Of two, the row of registers from the tile's first column on.
   T* coefficient_sums(int which) const {
-    return work_.coefficient_sums.data() + static_cast<std::size_t>(which) * Coefficients * (count_ + kLanes) + kLanes +
-           own_begin_;
+    return work_.coefficient_sums.data() +
+           Coefficients * (static_cast<std::size_t>(which) * (count_ + kLanes) + kLanes + own_begin_);
   }
+  /// Where column x of a padded row of several quantities begins, and how far it is from there to the next quantity and
+  /// to the next register: rows that are summed register after register are one stream.
+  template <std::size_t Quantities>
+  std::size_t padded_column(std::size_t x) const {
+    return (margin_ + x) * (Along > 0 ? Quantities : 1);
+  }
+  std::size_t padded_stride() const { return Along > 0 ? kLanes : padded_; }
+  template <std::size_t Quantities>
+  static constexpr std::size_t kPaddedStep = Along > 0 ? Quantities* kLanes : kLanes;
+
   std::size_t site(std::size_t column, int row, int plane) const {
     return (static_cast<std::size_t>(plane) * static_cast<std::size_t>(shape_.size[1]) +
             static_cast<std::size_t>(row)) *
@@ -174,7 +184,7 @@ class CorrelationSweep {
     work_.first_planes.resize(own_rows * own_count_ * Coefficients);
     work_.products.assign(2 * Sums * padded_, T(0));
     work_.coefficients.assign(Coefficients * padded_, T(0));
-    work_.summed.resize(Sums * count_);
+    work_.summed.resize(std::max(Sums, Coefficients) * count_);
     work_.coefficient_sums.resize(2 * Coefficients * (count_ + kLanes));
     // Beyond the lattice windows have no share in anything, and a variance that can be divided by.
     work_.shares.assign(count_, T(0));
@@ -221,81 +231,83 @@ class CorrelationSweep {
     if (x < width_) take(x, [&](const T* from, T other) { return load_first(width_ - x, from, other); });
   }
 
-  /// Adds the products of a register of a row.
-  [[gnu::always_inline]] static void add_products(const T* images, Lanes (&sums)[Sums]) {
+  /// The products of a register of a row.
+  [[gnu::always_inline]] static void find_products(const T* images, Lanes (&products)[Sums]) {
     const Lanes f = load(images), w = load(images + kLanes);
-    if constexpr (Sums == 5) {
-      sums[0] += f;
-      sums[1] += w;
-      sums[2] += f * f;
-      sums[3] += w * w;
-      sums[4] += f * w;
-    } else {
-      const Lanes weight = load(images + 2 * kLanes), wf = weight * f, ww = weight * w;
-      sums[0] += wf;
-      sums[1] += ww;
-      sums[2] += wf * f;
-      sums[3] += ww * w;
-      sums[4] += wf * w;
-      sums[5] += weight;
+    Lanes wf = f, ww = w;
+    if constexpr (Sums == 6) {
+      products[5] = load(images + 2 * kLanes);
+      wf *= products[5], ww *= products[5];
     }
+    products[0] = wf;
+    products[1] = ww;
+    products[2] = wf * f;
+    products[3] = ww * w;
+    products[4] = wf * w;
+  }
+  [[gnu::always_inline]] static void add_products(const T* images, Lanes (&sums)[Sums]) {
+    Lanes products[Sums];
+    find_products(images, products);
+#pragma GCC unroll 6
+    for (std::size_t k = 0; k < Sums; ++k) sums[k] += products[k];
   }
 
   /// Sums the products of two rows along z, up to `plane`, which has just been taken in, and along y. Products are made
   /// anew for each window: to keep their sums takes as much of the second cache's time as to read the images again.
   void sum_products(int row, int plane, const Window& arriving) {
     constexpr std::size_t slot = kChannels * kLanes;
-    const std::size_t state = Window::state(radius(1), Sums), last = (planes() - 1) * slot, padded = padded_;
+    const std::size_t state = Window::state(radius(1), Sums), last = (planes() - 1) * slot, stride = padded_stride();
     const std::size_t oldest = place(plane - 2 * radius(2)) * slot, count = count_;
     std::array<std::size_t, static_cast<std::size_t>(Across < 0 ? 1 : 2 * Across + 1)> places{oldest};
     for (std::size_t i = 1; i < places.size(); ++i) places[i] = places[i - 1] == last ? 0 : places[i - 1] + slot;
     const auto along_planes = [&](const T* from, Lanes(&sums)[Sums]) __attribute__((always_inline)) {
-#pragma GCC unroll 6
-      for (std::size_t k = 0; k < Sums; ++k) sums[k] = Lanes{};
+      find_products(from + oldest, sums);
       if constexpr (Across < 0) {
-        for (std::size_t i = 1, at = oldest; i < planes(); ++i, at = at == last ? 0 : at + slot)
+        for (std::size_t i = 2, at = oldest; i < planes(); ++i) {
+          at = at == last ? 0 : at + slot;
           add_products(from + at, sums);
+        }
       } else {
 #pragma GCC unroll 6
-        for (std::size_t i = 0; i < places.size(); ++i) add_products(from + places[i], sums);
+        for (std::size_t i = 1; i < places.size(); ++i) add_products(from + places[i], sums);
       }
     };
     const bool is_pair = rows_at_once() == 2;
     const T *from_a = images(row), *from_b = images(row + 1);
-    T *rows = work_.product_rows.data(), *to_a = products(0) + margin_, *to_b = products(1) + margin_;
-    for (std::size_t x = 0; x < count; x += kLanes, from_a += last + slot, from_b += last + slot, rows += state) {
+    T *rows = work_.product_rows.data(), *to_a = products(0) + padded_column<Sums>(0),
+      *to_b = products(1) + padded_column<Sums>(0);
+    for (std::size_t x = 0; x < count; x += kLanes) {
       Lanes a[Sums], b[Sums];
       along_planes(from_a, a);
       if (is_pair) {
         along_planes(from_b, b);
         arriving.arrive(rows, a, b);
 #pragma GCC unroll 6
-        for (std::size_t k = 0; k < Sums; ++k) store<T>(b[k], to_b + k * padded + x);
+        for (std::size_t k = 0; k < Sums; ++k) store<T>(b[k], to_b + k * stride);
       }
 #pragma GCC unroll 6
-      for (std::size_t k = 0; k < Sums; ++k) store<T>(a[k], to_a + k * padded + x);
+      for (std::size_t k = 0; k < Sums; ++k) store<T>(a[k], to_a + k * stride);
+      from_a += last + slot, from_b += last + slot, rows += state;
+      to_a += kPaddedStep<Sums>, to_b += kPaddedStep<Sums>;
     }
   }
 
-  void no_coefficients(int which) {
-    T* to = work_.coefficient_sums.data() + static_cast<std::size_t>(which) * Coefficients * (count_ + kLanes);
-    std::fill_n(to, Coefficients * (count_ + kLanes), T(0));
-  }
+  void no_coefficients(int which) { std::fill_n(coefficient_sums(which), own_count_ * Coefficients, T(0)); }
 
   /// The sums along x of `rows`, which are padded; their margins are 0 again.
   template <std::size_t Quantities>
-  void sum_along_rows(T* rows, T* to, std::size_t stride) {
+  void sum_along_rows(T* rows) {
     for (std::size_t k = 0; k < Quantities; ++k) {
       T* row = rows + k * padded_;
-      sum_along_row(count_, shape_.radius[0], row + margin_ - shape_.radius[0], to + k * stride);
+      sum_along_row(count_, shape_.radius[0], row + margin_ - shape_.radius[0], work_.summed.data() + k * count_);
       std::fill_n(row, margin_, T(0));
       std::fill_n(row + margin_ + count_, margin_, T(0));
     }
   }
   [[gnu::always_inline]] RowWindow<Along, Sums, T> product_windows(T* rows) {
-    if constexpr (Along > 0) return {rows + margin_, padded_, 0};
-    sum_along_rows<Sums>(rows, work_.summed.data(), count_);
-    return {work_.summed.data(), count_, 0};
+    if constexpr (Along > 0) return {rows + padded_column<Sums>(0), kLanes, kPaddedStep<Sums>};
+    sum_along_rows<Sums>(rows);
+    return {work_.summed.data(), count_, kLanes};
   }
 
   /// Of a register of windows; see local_correlation.cpp. `inverse` and `root` are those of the product of variances.
@@ -310,9 +322,10 @@ class CorrelationSweep {
     const T *shares = work_.shares.data(), *floors = work_.floors.data(), *own = work_.own.data();
     const T* weights = images(row) + (place(plane) * kChannels + 2) * kLanes;
     const bool is_own = tile_.rows.holds(row) && tile_.planes.holds(plane);
-    const std::size_t count = count_, stride = count + kLanes, padded = padded_;
-    T* sums = work_.coefficient_sums.data() + static_cast<std::size_t>(which) * Coefficients * stride;
-    T* line = work_.coefficients.data() + margin_;
+    const std::size_t count = count_;
+    // Where they are stored; sums are those of the register before.
+    T* to = Along > 0 ? coefficient_sums(which) - Coefficients * (own_begin_ + kLanes)
+                      : work_.coefficients.data() + padded_column<Coefficients>(0);
     RowWindow<Along, Sums, T> windows = product_windows(products(which));
     RowWindow<Along, Coefficients, T> coefficient_windows;
     Lanes energy = {};
@@ -355,15 +368,10 @@ class CorrelationSweep {
         k[5] = a * (m.mean_f * m.mean_w - m.cov) -
                T(0.5) * (d * (m.mean_f * m.mean_f - m.v_f) + b * (m.mean_w * m.mean_w - m.v_w));
       }
-      if constexpr (Along > 0) {
-        Lanes along[Coefficients];
-        coefficient_windows.enter(k, along);  // of the register before
+      if constexpr (Along > 0) coefficient_windows.exchange(k);
 #pragma GCC unroll 6
-        for (std::size_t i = 0; i < Coefficients; ++i) store<T>(along[i], sums + i * stride + x);
-      } else {
-#pragma GCC unroll 6
-        for (std::size_t i = 0; i < Coefficients; ++i) store<T>(k[i], line + i * padded + x);
-      }
+      for (std::size_t i = 0; i < Coefficients; ++i) store<T>(k[i], to + i * padded_stride());
+      to += kPaddedStep<Coefficients>;
       if constexpr (Sums == 5) {
         energy += load(own + x) * (1 - c);
       } else {
@@ -383,13 +391,16 @@ class CorrelationSweep {
     }
     finish(count - kLanes, moments);
     if constexpr (Along > 0) {
-      const Lanes beyond[Coefficients] = {};
-      Lanes along[Coefficients];
-      coefficient_windows.enter(beyond, along);
+      Lanes k[Coefficients] = {};
+      coefficient_windows.exchange(k);
 #pragma GCC unroll 6
-      for (std::size_t i = 0; i < Coefficients; ++i) store<T>(along[i], sums + i * stride + count);
+      for (std::size_t i = 0; i < Coefficients; ++i) store<T>(k[i], to + i * kLanes);
     } else {
-      sum_along_rows<Coefficients>(work_.coefficients.data(), sums + kLanes, stride);
+      sum_along_rows<Coefficients>(work_.coefficients.data());
+      const T* summed = work_.summed.data() + own_begin_;
+      T* sums = coefficient_sums(which);
+      for (std::size_t x = 0; x < own_count_; x += kLanes)
+        for (std::size_t i = 0; i < Coefficients; ++i, sums += kLanes) store<T>(load(summed + i * count_ + x), sums);
     }
     if (is_own)  // a row's in T, then in double
       for (std::size_t lane = 0; lane < kLanes; ++lane) energy_[lane] += double(energy[lane]);
@@ -397,72 +408,63 @@ class CorrelationSweep {
 
   /// Sums those of two rows along y, which completes the two from `own` on. In a first plane they wait for the second.
   void sum_coefficients(int own, bool is_first, const Window& arriving) {
-    const std::size_t stride = count_ + kLanes, state = Window::state(radius(1), Coefficients), count = own_count_;
-    const bool is_pair = rows_at_once() == 2;
+    const std::size_t state = Window::state(radius(1), Coefficients), count = own_count_;
     T *a = coefficient_sums(0), *b = coefficient_sums(1), *rows = work_.coefficient_rows.data();
-    const bool keep_a = is_first && tile_.rows.holds(own), keep_b = is_first && tile_.rows.holds(own + 1);
-    T *to_a = keep_a ? first_plane(own) : a, *to_b = keep_b ? first_plane(own + 1) : b;
-    const std::size_t stride_a = keep_a ? count : stride, stride_b = keep_b ? count : stride;
-    if (!is_pair && !keep_a) return;
+    T* to_a = is_first && tile_.rows.holds(own) ? first_plane(own) : a;
+    T* to_b = is_first && tile_.rows.holds(own + 1) ? first_plane(own + 1) : b;
+    const bool is_pair = rows_at_once() == 2;
     for (std::size_t x = 0; x < count; x += kLanes) {
       Lanes first[Coefficients], second[Coefficients];
 #pragma GCC unroll 6
-      for (std::size_t k = 0; k < Coefficients; ++k) first[k] = load(a + k * stride + x);
+      for (std::size_t k = 0; k < Coefficients; ++k) first[k] = load(a + k * kLanes);
       if (is_pair) {
 #pragma GCC unroll 6
-        for (std::size_t k = 0; k < Coefficients; ++k) second[k] = load(b + k * stride + x);
+        for (std::size_t k = 0; k < Coefficients; ++k) second[k] = load(b + k * kLanes);
         arriving.arrive(rows, first, second);
-        rows += state;
 #pragma GCC unroll 6
-        for (std::size_t k = 0; k < Coefficients; ++k) store<T>(second[k], to_b + k * stride_b + x);
+        for (std::size_t k = 0; k < Coefficients; ++k) store<T>(second[k], to_b + k * kLanes);
       }
 #pragma GCC unroll 6
-      for (std::size_t k = 0; k < Coefficients; ++k) store<T>(first[k], to_a + k * stride_a + x);
+      for (std::size_t k = 0; k < Coefficients; ++k) store<T>(first[k], to_a + k * kLanes);
+      a += Coefficients * kLanes, to_a += Coefficients * kLanes, rows += state;
+      b += Coefficients * kLanes, to_b += Coefficients * kLanes;
     }
   }
 
   /// Of one row, the `which`-th of two, in `plane` and the one before, from the sums along x and y of its coefficients.
   void find_gradients(int row, int plane, int which, const Window& arriving) {
-    const std::size_t step = planes() * kChannels, stride = count_ + kLanes, count = own_count_;
-    const std::size_t state = Window::state(radius(2), Coefficients);
-    const T *first = first_plane(row), *second = coefficient_sums(which);
-    T* kept = coefficient_planes(row);
-    const bool has_first = tile_.planes.holds(plane - 1), has_second = tile_.planes.holds(plane);
+    const std::size_t state = Window::state(radius(2), Coefficients), step = planes() * kChannels * kLanes;
     const std::size_t own = static_cast<std::size_t>(tile_.columns.count());
-    const std::size_t site_a = site(own_begin_, row, has_first ? plane - 1 : plane),
-                      site_b = site(own_begin_, row, plane);
-    const T* image = images(row) + own_begin_ * step;
+    const bool has_first = tile_.planes.holds(plane - 1), has_second = tile_.planes.holds(plane);
+    const T *first = first_plane(row), *second = coefficient_sums(which);
+    const T* image = images(row) + own_begin_ * planes() * kChannels;
     const T *image_a = image + place(plane - 1) * kChannels * kLanes,
             *image_b = image + place(plane) * kChannels * kLanes;
-    if (has_first) foresee(scene_.gradient + site_a, row);
-    if (has_second) foresee(scene_.gradient + site_b, row);
-    const auto sum = [&](std::size_t x, Lanes(&a)[Coefficients], Lanes(&b)[Coefficients])
-        __attribute__((always_inline)) {
+    T* kept = coefficient_planes(row);
+    std::size_t at_a = has_first ? site(own_begin_, row, plane - 1) : 0,
+                at_b = has_second ? site(own_begin_, row, plane) : 0;
+    if (has_first) foresee(scene_.gradient + at_a, row);
+    if (has_second) foresee(scene_.gradient + at_b, row);
+    const auto find = [&](const auto& read, const auto& write) __attribute__((always_inline)) {
+      Lanes a[Coefficients], b[Coefficients];
 #pragma GCC unroll 6
       for (std::size_t k = 0; k < Coefficients; ++k) {
-        a[k] = load(first + k * count + x);
-        b[k] = load(second + k * stride + x);
+        a[k] = load(first + k * kLanes);
+        b[k] = load(second + k * kLanes);
       }
       arriving.arrive(kept, a, b);
-      kept += state;
+      if (has_first) find_gradient(a, image_a, at_a, read, write);
+      if (has_second) find_gradient(b, image_b, at_b, read, write);
+      first += Coefficients * kLanes, second += Coefficients * kLanes, kept += state;
+      image_a += step, image_b += step, at_a += kLanes, at_b += kLanes;
     };
     std::size_t x = 0;
-    const auto read = [](const T* from) { return load(from); };
-    const auto write = [](const Lanes& values, T* to) { store<T>(values, to); };
-    for (; x + kLanes <= own; x += kLanes) {
-      Lanes a[Coefficients], b[Coefficients];
-      sum(x, a, b);
-      if (has_first) find_gradient(a, image_a + x * step, site_a + x, read, write);
-      if (has_second) find_gradient(b, image_b + x * step, site_b + x, read, write);
-    }
+    for (; x + kLanes <= own; x += kLanes)
+      find([](const T* from) { return load(from); }, [](const Lanes& values, T* to) { store<T>(values, to); });
     const std::size_t left = own - x;
-    if (left == 0) return;
-    const auto read_first = [&](const T* from) { return load_first(left, from, T(0)); };
-    const auto write_first = [&](const Lanes& values, T* to) { store_first<T>(left, values, to); };
-    Lanes a[Coefficients], b[Coefficients];
-    sum(x, a, b);
-    if (has_first) find_gradient(a, image_a + x * step, site_a + x, read_first, write_first);
-    if (has_second) find_gradient(b, image_b + x * step, site_b + x, read_first, write_first);
+    if (left > 0)
+      find([&](const T* from) { return load_first(left, from, T(0)); },
+           [&](const Lanes& values, T* to) { store_first<T>(left, values, to); });
   }
 
   /// Of a register, from the window sums `s` of its coefficients and what is kept of its images.

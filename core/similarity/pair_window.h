@@ -31,12 +31,20 @@ class PairWindow {
     const int radius = Known < 0 ? radius_ : Known;
     if (radius == 0) return;
     Register<T> inner[Quantities] = {};  // of the pairs that both windows hold, without the one that arrives
-    for (int i = 1, at = oldest_; i < radius; ++i) {
-      at = at == radius - 1 ? 0 : at + 1;
-      const T* pair = state + static_cast<std::size_t>(at) * slot;
+    if (radius > 1) {
+      int at = oldest_;
+      const auto next_pair = [&] {
+        at = at == radius - 1 ? 0 : at + 1;
+        return state + static_cast<std::size_t>(at) * slot;
+      };
+      const T* pair = next_pair();
 #pragma GCC unroll 6
-      for (std::size_t k = 0; k < Quantities; ++k)
-        inner[k] += load(pair + k * lanes);
+      for (std::size_t k = 0; k < Quantities; ++k) inner[k] = load(pair + k * lanes);
+      for (int i = 2; i < radius; ++i) {
+        pair = next_pair();
+#pragma GCC unroll 6
+        for (std::size_t k = 0; k < Quantities; ++k) inner[k] += load(pair + k * lanes);
+      }
     }
     T* oldest = state + static_cast<std::size_t>(oldest_) * slot;
 #pragma GCC unroll 6
@@ -46,8 +54,8 @@ class PairWindow {
       const Register<T> before = load(old_pair) + first[k], after = load(old_second) + pair;
       store<T>(pair, old_pair);
       store<T>(second[k], old_second);
-      first[k] = before + inner[k];
-      second[k] = after + inner[k];
+      first[k] = radius > 1 ? before + inner[k] : before;
+      second[k] = radius > 1 ? after + inner[k] : after;
     }
   }
 

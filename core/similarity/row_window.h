@@ -15,43 +15,39 @@ class RowWindow {
   static constexpr int kMostRadius = 4;  ///< lanes of the narrowest register
   static_assert(0 <= Radius && Radius <= kMostRadius);
 
-  /// `rows` are `stride` apart. Unless the radius is 0, a register before the one where it begins is read, and one
-  /// after the last.
-  [[gnu::always_inline]] RowWindow(const T* rows, std::size_t stride, std::size_t begin) : stride_(stride) {
-    next_ = rows + begin;
+  /// Of rows whose first registers lie at `first`, `stride` apart, and whose registers follow each other `step` apart.
+  /// Unless the radius is 0, a register before the first is read, and one after the last.
+  [[gnu::always_inline]] RowWindow(const T* first, std::size_t stride, std::size_t step)
+      : next_(first), stride_(stride), step_(step) {
     if constexpr (Radius > 0) {
 #pragma GCC unroll 6
       for (std::size_t k = 0; k < Quantities; ++k) {
         here_[k] = load(next_ + k * stride_);
-        before_[k] = followers(load(next_ + k * stride_ - kRegisterLanes<T>), here_[k]);
+        before_[k] = followers(load(next_ + k * stride_ - step_), here_[k]);
       }
     }
   }
 
-  /// Of registers that `enter` one after the other; before the first there is 0.
-  [[gnu::always_inline]] RowWindow() : next_(nullptr), stride_(0), here_{}, before_{} {}
+  /// Of registers that are exchanged one after the other; before the first there is 0.
+  [[gnu::always_inline]] RowWindow() : next_(nullptr), stride_(0), step_(0), here_{}, before_{} {}
 
   [[gnu::always_inline]] void next(Register<T> (&sums)[Quantities]) {
-    if constexpr (Radius > 0) next_ += kRegisterLanes<T>;
-    Register<T> entering[Quantities];
+    if constexpr (Radius > 0) next_ += step_;
 #pragma GCC unroll 6
-    for (std::size_t k = 0; k < Quantities; ++k) entering[k] = load(next_ + k * stride_);
-    enter(entering, sums);
-    if constexpr (Radius == 0) next_ += kRegisterLanes<T>;
+    for (std::size_t k = 0; k < Quantities; ++k) sums[k] = load(next_ + k * stride_);
+    exchange(sums);
+    if constexpr (Radius == 0) next_ += step_;
   }
-  /// The sums of the register before the one that enters; of itself when the radius is 0.
-  [[gnu::always_inline]] void enter(const Register<T> (&entering)[Quantities], Register<T> (&sums)[Quantities]) {
+  /// Turns the registers that enter into the sums of those before them; of themselves when the radius is 0.
+  [[gnu::always_inline]] void exchange(Register<T> (&values)[Quantities]) {
+    if constexpr (Radius == 0) return;
 #pragma GCC unroll 6
     for (std::size_t k = 0; k < Quantities; ++k) {
-      if constexpr (Radius == 0) {
-        sums[k] = entering[k];
-      } else {
-        const Register<T> own = followers(here_[k], entering[k]);
-        sums[k] = shifted<static_cast<int>(kRegisterLanes<T>) - Radius, T>(before_[k], own) +
-                  (own + shifted<Radius, T>(here_[k], entering[k]));
-        before_[k] = own;
-        here_[k] = entering[k];
-      }
+      const Register<T> entering = values[k], own = followers(here_[k], entering);
+      values[k] = shifted<static_cast<int>(kRegisterLanes<T>) - Radius, T>(before_[k], own) +
+                  (own + shifted<Radius, T>(here_[k], entering));
+      before_[k] = own;
+      here_[k] = entering;
     }
   }
 
@@ -66,7 +62,7 @@ class RowWindow {
   }
 
   const T* next_;
-  std::size_t stride_;
+  std::size_t stride_, step_;
   Register<T> here_[Quantities], before_[Quantities];
 };
 
