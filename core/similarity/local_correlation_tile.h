@@ -144,10 +144,11 @@ class CorrelationSweep {
     return work_.first_planes.data() + static_cast<std::size_t>(row - tile_.rows.begin) * own_count_ * Coefficients;
   }
   T* products(int which) const { return work_.products.data() + static_cast<std::size_t>(which) * Sums * padded_; }
-  /// Of two, the row of registers from the tile's first column on.
+  T* coefficients(int which) const {
+    return work_.coefficients.data() + static_cast<std::size_t>(which) * Coefficients * padded_;
+  }
   T* coefficient_sums(int which) const {
-    return work_.coefficient_sums.data() +
-           Coefficients * (static_cast<std::size_t>(which) * (count_ + kLanes) + kLanes + own_begin_);
+    return work_.coefficient_sums.data() + static_cast<std::size_t>(which) * Coefficients * own_count_;
   }
   /// Where column x of a padded row of several quantities begins, and how far it is from there to the next quantity and
   /// to the next register: rows that are summed register after register are one stream.
@@ -166,11 +167,10 @@ class CorrelationSweep {
            static_cast<std::size_t>(first_column_) + column;
   }
 
-  /// Has the row after this one, which begins there, brought near: rows are too short for the machine to foresee it.
-  void foresee(const T* begin, int row) const {
-    if (row + 1 >= shape_.size[1]) return;
-    const T* next = begin + shape_.size[0];
-    for (std::size_t x = 0; x < width_; x += 64 / sizeof(T)) __builtin_prefetch(next + x);
+  /// Where the row after this one begins, which is to be brought near: rows are too short for the machine to foresee
+  /// it.
+  std::size_t next_row(int row) const {
+    return row + 1 < shape_.size[1] ? static_cast<std::size_t>(shape_.size[0]) : 0;
   }
 
   void set_up_work() {
@@ -183,9 +183,9 @@ class CorrelationSweep {
     work_.coefficient_planes.assign(own_rows * own_count_ / kLanes * Window::state(radius(2), Coefficients), T(0));
     work_.first_planes.resize(own_rows * own_count_ * Coefficients);
     work_.products.assign(2 * Sums * padded_, T(0));
-    work_.coefficients.assign(Coefficients * padded_, T(0));
-    work_.summed.resize(std::max(Sums, Coefficients) * count_);
-    work_.coefficient_sums.resize(2 * Coefficients * (count_ + kLanes));
+    work_.coefficients.assign(2 * Coefficients * padded_, T(0));
+    work_.summed.resize(2 * std::max(Sums, Coefficients) * count_);
+    work_.coefficient_sums.resize(2 * Coefficients * own_count_);
     // Beyond the lattice windows have no share in anything, and a variance that can be divided by.
     work_.shares.assign(count_, T(0));
     work_.floors.assign(count_, T(1));
@@ -208,8 +208,7 @@ class CorrelationSweep {
     }
     const std::size_t first = site(0, row, plane);
     const T *fixed = scene_.fixed + first, *warped = scene_.warped + first;
-    foresee(fixed, row);
-    foresee(warped, row);
+    const std::size_t next = next_row(row);
     const T middle_f = scene_.middle_fixed, middle_w = scene_.middle_warped;
     T ones[kLanes];
     std::fill_n(ones, kLanes, T(1));
@@ -224,6 +223,8 @@ class CorrelationSweep {
         store<T>(weight != 0 ? w : Lanes{}, to + kLanes);
         store<T>(weight, to + 2 * kLanes);
       }
+      __builtin_prefetch(fixed + x + next);
+      __builtin_prefetch(warped + x + next);
       to += step;
     };
     std::size_t x = 0;
@@ -292,30 +293,26 @@ class CorrelationSweep {
     }
   }
 
-  void no_coefficients(int which) { std::fill_n(coefficient_sums(which), own_count_ * Coefficients, T(0)); }
+  void no_coefficients(int which) { std::fill_n(coefficients(which), Coefficients * padded_, T(0)); }
 
-  /// The sums along x of `rows`, which are padded; their margins are 0 again.
+  /// The sums along x of a padded row, the `which`-th of two, from column `begin` on.
   template <std::size_t Quantities>
-  void sum_along_rows(T* rows) {
-    for (std::size_t k = 0; k < Quantities; ++k) {
-      T* row = rows + k * padded_;
-      sum_along_row(count_, shape_.radius[0], row + margin_ - shape_.radius[0], work_.summed.data() + k * count_);
+  [[gnu::always_inline]] RowWindow<Along, Quantities, T> along_row(T* row, int which, std::size_t begin) {
+    if constexpr (Along > 0) return {row + padded_column<Quantities>(begin), kLanes, kPaddedStep<Quantities>};
+    T* summed = work_.summed.data() + static_cast<std::size_t>(which) * Quantities * count_;
+    for (std::size_t k = 0; k < Quantities; ++k, row += padded_) {
+      sum_along_row(count_, shape_.radius[0], row + margin_ - shape_.radius[0], summed + k * count_);
       std::fill_n(row, margin_, T(0));
       std::fill_n(row + margin_ + count_, margin_, T(0));
     }
-  }
-  [[gnu::always_inline]] RowWindow<Along, Sums, T> product_windows(T* rows) {
-    if constexpr (Along > 0) return {rows + padded_column<Sums>(0), kLanes, kPaddedStep<Sums>};
-    sum_along_rows<Sums>(rows);
-    return {work_.summed.data(), count_, kLanes};
+    return {summed + begin, count_, kLanes};
   }
 
   /// Of a register of windows; see local_correlation.cpp. `inverse` and `root` are those of the product of variances.
   struct Moments {
     Lanes share, weight, seen, mean_f, mean_w, v_f, v_w, var_f, var_w, cov, inverse, root;
   };
-  /// Of one row of windows, the first or second one of two, and their sums along x. Without weights a window's are
-  /// counted.
+  /// Of one row of windows, the first or second one of two. Without weights a window's are counted.
   void find_coefficients(int row, int plane, int which) {
     const T volume = static_cast<T>(shape_.volume);
     const T across = T(1) / static_cast<T>(shape_.window_count(1, row) * shape_.window_count(2, plane));
@@ -323,11 +320,8 @@ class CorrelationSweep {
     const T* weights = images(row) + (place(plane) * kChannels + 2) * kLanes;
     const bool is_own = tile_.rows.holds(row) && tile_.planes.holds(plane);
     const std::size_t count = count_;
-    // Where they are stored; sums are those of the register before.
-    T* to = Along > 0 ? coefficient_sums(which) - Coefficients * (own_begin_ + kLanes)
-                      : work_.coefficients.data() + padded_column<Coefficients>(0);
-    RowWindow<Along, Sums, T> windows = product_windows(products(which));
-    RowWindow<Along, Coefficients, T> coefficient_windows;
+    T* to = coefficients(which) + padded_column<Coefficients>(0);
+    RowWindow<Along, Sums, T> windows = along_row<Sums>(products(which), which, 0);
     Lanes energy = {};
     const auto begin = [&](std::size_t x) __attribute__((always_inline)) {
       Moments m;
@@ -368,7 +362,6 @@ class CorrelationSweep {
         k[5] = a * (m.mean_f * m.mean_w - m.cov) -
                T(0.5) * (d * (m.mean_f * m.mean_f - m.v_f) + b * (m.mean_w * m.mean_w - m.v_w));
       }
-      if constexpr (Along > 0) coefficient_windows.exchange(k);
 #pragma GCC unroll 6
       for (std::size_t i = 0; i < Coefficients; ++i) store<T>(k[i], to + i * padded_stride());
       to += kPaddedStep<Coefficients>;
@@ -390,44 +383,32 @@ class CorrelationSweep {
       moments = next;
     }
     finish(count - kLanes, moments);
-    if constexpr (Along > 0) {
-      Lanes k[Coefficients] = {};
-      coefficient_windows.exchange(k);
-#pragma GCC unroll 6
-      for (std::size_t i = 0; i < Coefficients; ++i) store<T>(k[i], to + i * kLanes);
-    } else {
-      sum_along_rows<Coefficients>(work_.coefficients.data());
-      const T* summed = work_.summed.data() + own_begin_;
-      T* sums = coefficient_sums(which);
-      for (std::size_t x = 0; x < own_count_; x += kLanes)
-        for (std::size_t i = 0; i < Coefficients; ++i, sums += kLanes) store<T>(load(summed + i * count_ + x), sums);
-    }
     if (is_own)  // a row's in T, then in double
       for (std::size_t lane = 0; lane < kLanes; ++lane) energy_[lane] += double(energy[lane]);
   }
 
-  /// Sums those of two rows along y, which completes the two from `own` on. In a first plane they wait for the second.
+  /// Sums those of two rows along x and y, which completes the two from `own` on. In a first plane they wait for the
+  /// second.
   void sum_coefficients(int own, bool is_first, const Window& arriving) {
     const std::size_t state = Window::state(radius(1), Coefficients), count = own_count_;
-    T *a = coefficient_sums(0), *b = coefficient_sums(1), *rows = work_.coefficient_rows.data();
-    T* to_a = is_first && tile_.rows.holds(own) ? first_plane(own) : a;
-    T* to_b = is_first && tile_.rows.holds(own + 1) ? first_plane(own + 1) : b;
     const bool is_pair = rows_at_once() == 2;
+    RowWindow<Along, Coefficients, T> a = along_row<Coefficients>(coefficients(0), 0, own_begin_), b = a;
+    if (is_pair) b = along_row<Coefficients>(coefficients(1), 1, own_begin_);
+    T* rows = work_.coefficient_rows.data();
+    T* to_a = is_first && tile_.rows.holds(own) ? first_plane(own) : coefficient_sums(0);
+    T* to_b = is_first && tile_.rows.holds(own + 1) ? first_plane(own + 1) : coefficient_sums(1);
     for (std::size_t x = 0; x < count; x += kLanes) {
       Lanes first[Coefficients], second[Coefficients];
-#pragma GCC unroll 6
-      for (std::size_t k = 0; k < Coefficients; ++k) first[k] = load(a + k * kLanes);
+      a.next(first);
       if (is_pair) {
-#pragma GCC unroll 6
-        for (std::size_t k = 0; k < Coefficients; ++k) second[k] = load(b + k * kLanes);
+        b.next(second);
         arriving.arrive(rows, first, second);
 #pragma GCC unroll 6
         for (std::size_t k = 0; k < Coefficients; ++k) store<T>(second[k], to_b + k * kLanes);
       }
 #pragma GCC unroll 6
       for (std::size_t k = 0; k < Coefficients; ++k) store<T>(first[k], to_a + k * kLanes);
-      a += Coefficients * kLanes, to_a += Coefficients * kLanes, rows += state;
-      b += Coefficients * kLanes, to_b += Coefficients * kLanes;
+      to_a += Coefficients * kLanes, to_b += Coefficients * kLanes, rows += state;
     }
   }
 
@@ -443,8 +424,7 @@ class CorrelationSweep {
     T* kept = coefficient_planes(row);
     std::size_t at_a = has_first ? site(own_begin_, row, plane - 1) : 0,
                 at_b = has_second ? site(own_begin_, row, plane) : 0;
-    if (has_first) foresee(scene_.gradient + at_a, row);
-    if (has_second) foresee(scene_.gradient + at_b, row);
+    const std::size_t next = next_row(row);
     const auto find = [&](const auto& read, const auto& write) __attribute__((always_inline)) {
       Lanes a[Coefficients], b[Coefficients];
 #pragma GCC unroll 6
@@ -453,6 +433,8 @@ class CorrelationSweep {
         b[k] = load(second + k * kLanes);
       }
       arriving.arrive(kept, a, b);
+      __builtin_prefetch(scene_.gradient + at_a + next, 1);
+      __builtin_prefetch(scene_.gradient + at_b + next, 1);
       if (has_first) find_gradient(a, image_a, at_a, read, write);
       if (has_second) find_gradient(b, image_b, at_b, read, write);
       first += Coefficients * kLanes, second += Coefficients * kLanes, kept += state;

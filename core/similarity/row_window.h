@@ -28,27 +28,22 @@ class RowWindow {
     }
   }
 
-  /// Of registers that are exchanged one after the other; before the first there is 0.
-  [[gnu::always_inline]] RowWindow() : next_(nullptr), stride_(0), step_(0), here_{}, before_{} {}
-
   [[gnu::always_inline]] void next(Register<T> (&sums)[Quantities]) {
     if constexpr (Radius > 0) next_ += step_;
 #pragma GCC unroll 6
-    for (std::size_t k = 0; k < Quantities; ++k) sums[k] = load(next_ + k * stride_);
-    exchange(sums);
-    if constexpr (Radius == 0) next_ += step_;
-  }
-  /// Turns the registers that enter into the sums of those before them; of themselves when the radius is 0.
-  [[gnu::always_inline]] void exchange(Register<T> (&values)[Quantities]) {
-    if constexpr (Radius == 0) return;
-#pragma GCC unroll 6
     for (std::size_t k = 0; k < Quantities; ++k) {
-      const Register<T> entering = values[k], own = followers(here_[k], entering);
-      values[k] = shifted<static_cast<int>(kRegisterLanes<T>) - Radius, T>(before_[k], own) +
+      const Register<T> entering = load(next_ + k * stride_);
+      if constexpr (Radius == 0) {
+        sums[k] = entering;
+      } else {
+        const Register<T> own = followers(here_[k], entering);
+        sums[k] = shifted<static_cast<int>(kRegisterLanes<T>) - Radius, T>(before_[k], own) +
                   (own + shifted<Radius, T>(here_[k], entering));
-      before_[k] = own;
-      here_[k] = entering;
+        before_[k] = own;
+        here_[k] = entering;
+      }
     }
+    if constexpr (Radius == 0) next_ += step_;
   }
 
  private:
