@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <cstdint>
 #include <tuple>
 #include <utility>
 #include <vector>
@@ -53,6 +54,7 @@ class LocalCorrelation final : public Similarity<Dim, T> {
   }
 
  private:
+  static constexpr std::size_t kBlock = 1024;                  ///< sites, of sums that are made apart
   static constexpr std::size_t kCacheBytes = 700 * 1024;       ///< of a second-level cache, for a tile's planes
   static constexpr int kMostPlanes = 64;                       ///< of a tile
   static constexpr int kMostRegisters = 768 / kRegisterBytes;  ///< of its rows: windows of them fit a first-level cache
@@ -86,28 +88,42 @@ class LocalCorrelation final : public Similarity<Dim, T> {
     return tiles;
   }
 
-  /// Of both images; 0 when nothing is seen.
+  /// About those of both images, 0 when nothing is seen: any value near the mean keeps sums small, so of large images
+  /// one block in four is read, here and there, and all of them where those show nothing.
   std::pair<T, T> weighted_means(const T* fixed, const T* warped, const T* weights) const {
-    constexpr std::size_t block = 4096;  // sums of blocks, in the same order for any number of threads
-    const std::size_t blocks = (sites_ + block - 1) / block;
-    std::vector<std::array<double, 3>> partial(blocks);
+    const std::size_t blocks = (sites_ + kBlock - 1) / kBlock;
+    std::array<double, 3> sums{};
+    if (blocks >= 64)
+      sums = weighted_sums(fixed, warped, weights, blocks / 4, [](std::size_t i) {
+        return 4 * i + (static_cast<std::uint32_t>(i) * 2654435761u >> 30);  // not the same part of every row
+      });
+    if (!(sums[0] > 0)) sums = weighted_sums(fixed, warped, weights, blocks, [](std::size_t i) { return i; });
+    if (!(sums[0] > 0)) return {T(0), T(0)};
+    return {static_cast<T>(sums[1] / sums[0]), static_cast<T>(sums[2] / sums[0])};
+  }
+
+  /// Of the weights and of both images, over `count` blocks, of which `block` tells the i-th.
+  template <class Block>
+  std::array<double, 3> weighted_sums(const T* fixed, const T* warped, const T* weights, std::size_t count,
+                                      const Block& block) const {
+    std::vector<std::array<double, 3>> partial(count);  // put together in the same order for any number of threads
 #pragma omp parallel for schedule(static)
-    for (std::size_t b = 0; b < blocks; ++b) {
-      const std::size_t first = b * block, count = std::min(block, sites_ - first);
+    for (std::size_t b = 0; b < count; ++b) {
+      const std::size_t first = block(b) * kBlock, sites = std::min(kBlock, sites_ - first);
       const T *f = fixed + first, *w = warped + first, *weight = weights ? weights + first : nullptr;
       double all = 0, sum_f = 0, sum_w = 0;
       if (weight) {
 #pragma omp simd reduction(+ : all, sum_f, sum_w)
-        for (std::size_t i = 0; i < count; ++i) {
+        for (std::size_t i = 0; i < sites; ++i) {
           const double share = weight[i];
           all += share;
           sum_f += share > 0 ? share * double(f[i]) : 0.0;
           sum_w += share > 0 ? share * double(w[i]) : 0.0;
         }
       } else {
-        all = static_cast<double>(count);
+        all = static_cast<double>(sites);
 #pragma omp simd reduction(+ : sum_f, sum_w)
-        for (std::size_t i = 0; i < count; ++i) {
+        for (std::size_t i = 0; i < sites; ++i) {
           sum_f += double(f[i]);
           sum_w += double(w[i]);
         }
@@ -117,8 +133,7 @@ class LocalCorrelation final : public Similarity<Dim, T> {
     std::array<double, 3> sums{};
     for (const auto& part : partial)
       for (std::size_t k = 0; k < 3; ++k) sums[k] += part[k];
-    if (!(sums[0] > 0)) return {T(0), T(0)};
-    return {static_cast<T>(sums[1] / sums[0]), static_cast<T>(sums[2] / sums[0])};
+    return sums;
   }
 
   /// Code of their own have the radii along x that RowWindow knows, and the default along all axes.

@@ -167,10 +167,10 @@ class CorrelationSweep {
            static_cast<std::size_t>(first_column_) + column;
   }
 
-  /// Where the row after this one begins, which is to be brought near: rows are too short for the machine to foresee
-  /// it.
+  /// How far it is to the row that is to be brought near, that of the next two: rows are too short for the machine to
+  /// foresee it.
   std::size_t next_row(int row) const {
-    return row + 1 < shape_.size[1] ? static_cast<std::size_t>(shape_.size[0]) : 0;
+    return row + rows_at_once() < shape_.size[1] ? static_cast<std::size_t>(rows_at_once() * shape_.size[0]) : 0;
   }
 
   void set_up_work() {
