@@ -104,7 +104,7 @@ class CorrelationSweep {
         if (at + step <= windows.begin) continue;
         for (int j = 0; j < step; ++j)
           if (has_windows && windows.holds(at + j))
-            find_coefficients(at + j, centre, j);
+            find_coefficients(at + j, centre, j, coming(row + step + j, centre + rz));
           else
             no_coefficients(j);
         sum_coefficients(own, is_first, arriving);
@@ -118,6 +118,7 @@ class CorrelationSweep {
   }
 
  private:
+  // What goes along rows is not inlined: apart, each loop has the registers for all its pointers.
   using Lanes = Register<T>;
   using Window = PairWindow<Across, T>;
   static constexpr std::size_t kLanes = kRegisterLanes<T>, kChannels = Sums - 3;
@@ -167,8 +168,13 @@ class CorrelationSweep {
            static_cast<std::size_t>(first_column_) + column;
   }
 
-  /// How far it is to the row that is to be brought near, that of the next two: rows are too short for the machine to
-  /// foresee it.
+  /// Where a row begins that is to be taken in soon: rows are too short for the machine to foresee them. Beyond the
+  /// last one, the rows of the next plane.
+  std::size_t coming(int row, int plane) const {
+    if (row >= rows_.end) row += rows_.begin - rows_.end, ++plane;
+    return site(0, std::min(row, rows_.end - 1), std::clamp(plane, 0, shape_.size[2] - 1));
+  }
+  /// How far it is to the row that comes next but `rows_at_once`.
   std::size_t next_row(int row) const {
     return row + rows_at_once() < shape_.size[1] ? static_cast<std::size_t>(rows_at_once() * shape_.size[0]) : 0;
   }
@@ -199,7 +205,7 @@ class CorrelationSweep {
 
   /// Takes a row of both images in, less their means, and of the weights; none beyond the lattice. What is hidden by a
   /// weight of 0 is not looked at: it may be NaN.
-  void take_row(int row, int plane) {
+  [[gnu::noinline]] void take_row(int row, int plane) {
     const std::size_t step = planes() * kChannels * kLanes;
     T* to = images(row) + place(plane) * kChannels * kLanes;
     if (plane < 0 || plane >= shape_.size[2]) {
@@ -208,7 +214,6 @@ class CorrelationSweep {
     }
     const std::size_t first = site(0, row, plane);
     const T *fixed = scene_.fixed + first, *warped = scene_.warped + first;
-    const std::size_t next = next_row(row);
     const T middle_f = scene_.middle_fixed, middle_w = scene_.middle_warped;
     T ones[kLanes];
     std::fill_n(ones, kLanes, T(1));
@@ -223,8 +228,6 @@ class CorrelationSweep {
         store<T>(weight != 0 ? w : Lanes{}, to + kLanes);
         store<T>(weight, to + 2 * kLanes);
       }
-      __builtin_prefetch(fixed + x + next);
-      __builtin_prefetch(warped + x + next);
       to += step;
     };
     std::size_t x = 0;
@@ -255,7 +258,7 @@ class CorrelationSweep {
 
   /// Sums the products of two rows along z, up to `plane`, which has just been taken in, and along y. Products are made
   /// anew for each window: to keep their sums takes as much of the second cache's time as to read the images again.
-  void sum_products(int row, int plane, const Window& arriving) {
+  [[gnu::noinline]] void sum_products(int row, int plane, const Window& arriving) {
     constexpr std::size_t slot = kChannels * kLanes;
     const std::size_t state = Window::state(radius(1), Sums), last = (planes() - 1) * slot, stride = padded_stride();
     const std::size_t oldest = place(plane - 2 * radius(2)) * slot, count = count_;
@@ -313,7 +316,7 @@ class CorrelationSweep {
     Lanes share, weight, seen, mean_f, mean_w, v_f, v_w, var_f, var_w, cov, inverse, root;
   };
   /// Of one row of windows, the first or second one of two. Without weights a window's are counted.
-  void find_coefficients(int row, int plane, int which) {
+  [[gnu::noinline]] void find_coefficients(int row, int plane, int which, std::size_t coming) {
     const T volume = static_cast<T>(shape_.volume);
     const T across = T(1) / static_cast<T>(shape_.window_count(1, row) * shape_.window_count(2, plane));
     const T *shares = work_.shares.data(), *floors = work_.floors.data(), *own = work_.own.data();
@@ -345,7 +348,10 @@ class CorrelationSweep {
       m.inverse = 1 / var2, m.root = square_root<T>(var2);
       return m;
     };
+    const T *coming_fixed = scene_.fixed + coming, *coming_warped = scene_.warped + coming;
     const auto finish = [&](std::size_t x, const Moments& m) __attribute__((always_inline)) {
+      __builtin_prefetch(coming_fixed + x);
+      __builtin_prefetch(coming_warped + x);
       Lanes k[Coefficients];
       const Lanes q = m.inverse * m.root, c = m.cov * q;
       Lanes factor = volume * m.share;
@@ -389,7 +395,7 @@ class CorrelationSweep {
 
   /// Sums those of two rows along x and y, which completes the two from `own` on. In a first plane they wait for the
   /// second.
-  void sum_coefficients(int own, bool is_first, const Window& arriving) {
+  [[gnu::noinline]] void sum_coefficients(int own, bool is_first, const Window& arriving) {
     const std::size_t state = Window::state(radius(1), Coefficients), count = own_count_;
     const bool is_pair = rows_at_once() == 2;
     RowWindow<Along, Coefficients, T> a = along_row<Coefficients>(coefficients(0), 0, own_begin_), b = a;
@@ -413,7 +419,7 @@ class CorrelationSweep {
   }
 
   /// Of one row, the `which`-th of two, in `plane` and the one before, from the sums along x and y of its coefficients.
-  void find_gradients(int row, int plane, int which, const Window& arriving) {
+  [[gnu::noinline]] void find_gradients(int row, int plane, int which, const Window& arriving) {
     const std::size_t state = Window::state(radius(2), Coefficients), step = planes() * kChannels * kLanes;
     const std::size_t own = static_cast<std::size_t>(tile_.columns.count());
     const bool has_first = tile_.planes.holds(plane - 1), has_second = tile_.planes.holds(plane);
