@@ -46,6 +46,7 @@ struct CorrelationTile {
 template <class T>
 struct CorrelationWork {
   LineVector<T> images;                  ///< both and the weights, of the planes of a window; 0 beyond the lattice
+  LineVector<T> common;                  ///< sums of products over the planes that two windows have in common
   LineVector<T> product_rows;            ///< see PairWindow
   LineVector<T> coefficient_rows;        ///< the same of coefficients
   LineVector<T> coefficient_planes;      ///< the same of their sums along x and y
@@ -99,7 +100,7 @@ class CorrelationSweep {
         if (has_windows) {
           for (int j = 0; j < step; ++j)
             if (rows_.holds(row + j)) take_row(row + j, centre + rz);
-          sum_products(row, centre + rz, arriving);
+          sum_products(row, centre + rz, is_first, arriving);
         }
         if (at + step <= windows.begin) continue;
         for (int j = 0; j < step; ++j)
@@ -122,6 +123,9 @@ class CorrelationSweep {
   using Lanes = Register<T>;
   using Window = PairWindow<Across, T>;
   static constexpr std::size_t kLanes = kRegisterLanes<T>, kChannels = Sums - 3;
+  /// Two windows that follow each other along z have all planes in common but one each. What they share is kept where
+  /// windows are wide; of few planes the images are read again in the time that takes.
+  static constexpr bool kKeepsCommon = Along == 0;
 
   static std::size_t whole(int columns) { return (static_cast<std::size_t>(columns) + kLanes - 1) / kLanes * kLanes; }
   int radius(int axis) const { return Across < 0 ? shape_.radius[axis] : Across; }
@@ -136,6 +140,7 @@ class CorrelationSweep {
   /// Of a row among those that are kept; those beyond share one that is 0.
   std::size_t kept(int row) const { return static_cast<std::size_t>(std::min(row, rows_.end) - rows_.begin); }
   T* images(int row) const { return work_.images.data() + kept(row) * count_ * planes() * kChannels; }
+  T* common(int row) const { return kKeepsCommon ? work_.common.data() + kept(row) * count_ * Sums : nullptr; }
   /// Of one of the tile's rows, its first register.
   T* coefficient_planes(int row) const {
     return work_.coefficient_planes.data() + static_cast<std::size_t>(row - tile_.rows.begin) * own_count_ / kLanes *
@@ -184,6 +189,7 @@ class CorrelationSweep {
     const std::size_t own_rows = static_cast<std::size_t>(tile_.rows.count());
     work_.images.resize((rows + 1) * count_ * planes() * kChannels);
     std::fill_n(images(rows_.end), count_ * planes() * kChannels, T(0));
+    if (kKeepsCommon) work_.common.resize((rows + 1) * count_ * Sums);
     work_.product_rows.resize(registers * Window::state(radius(1), Sums));
     work_.coefficient_rows.resize(own_count_ / kLanes * Window::state(radius(1), Coefficients));
     work_.coefficient_planes.assign(own_rows * own_count_ / kLanes * Window::state(radius(2), Coefficients), T(0));
@@ -256,18 +262,17 @@ class CorrelationSweep {
     for (std::size_t k = 0; k < Sums; ++k) sums[k] += products[k];
   }
 
-  /// Sums the products of two rows along z, up to `plane`, which has just been taken in, and along y. Products are made
-  /// anew for each window: to keep their sums takes as much of the second cache's time as to read the images again.
-  [[gnu::noinline]] void sum_products(int row, int plane, const Window& arriving) {
+  /// Sums the products of two rows along z, up to `plane`, which has just been taken in, and along y.
+  [[gnu::noinline]] void sum_products(int row, int plane, bool is_first, const Window& arriving) {
     constexpr std::size_t slot = kChannels * kLanes;
     const std::size_t state = Window::state(radius(1), Sums), last = (planes() - 1) * slot, stride = padded_stride();
-    const std::size_t oldest = place(plane - 2 * radius(2)) * slot, count = count_;
+    const std::size_t oldest = place(plane - 2 * radius(2)) * slot, newest = place(plane) * slot, count = count_;
     std::array<std::size_t, static_cast<std::size_t>(Across < 0 ? 1 : 2 * Across + 1)> places{oldest};
     for (std::size_t i = 1; i < places.size(); ++i) places[i] = places[i - 1] == last ? 0 : places[i - 1] + slot;
-    const auto along_planes = [&](const T* from, Lanes(&sums)[Sums]) __attribute__((always_inline)) {
-      find_products(from + oldest, sums);
+    const auto add_following = [&](const T* from, std::size_t planes, Lanes(&sums)[Sums])
+        __attribute__((always_inline)) {
       if constexpr (Across < 0) {
-        for (std::size_t i = 2, at = oldest; i < planes(); ++i) {
+        for (std::size_t i = 0, at = oldest; i < planes; ++i) {
           at = at == last ? 0 : at + slot;
           add_products(from + at, sums);
         }
@@ -276,15 +281,33 @@ class CorrelationSweep {
         for (std::size_t i = 1; i < places.size(); ++i) add_products(from + places[i], sums);
       }
     };
+    const auto along_planes = [&](const T* from, T* common, Lanes(&sums)[Sums]) __attribute__((always_inline)) {
+      if constexpr (!kKeepsCommon) {
+        find_products(from + oldest, sums);
+        add_following(from, planes() - 2, sums);
+      } else if (is_first) {
+#pragma GCC unroll 6
+        for (std::size_t k = 0; k < Sums; ++k) sums[k] = Lanes{};
+        add_following(from, planes() - 2, sums);
+#pragma GCC unroll 6
+        for (std::size_t k = 0; k < Sums; ++k) store<T>(sums[k], common + k * kLanes);
+        add_products(from + oldest, sums);
+      } else {
+#pragma GCC unroll 6
+        for (std::size_t k = 0; k < Sums; ++k) sums[k] = load(common + k * kLanes);
+        add_products(from + newest, sums);
+      }
+    };
     const bool is_pair = rows_at_once() == 2;
     const T *from_a = images(row), *from_b = images(row + 1);
+    T *common_a = common(row), *common_b = common(row + 1);
     T *rows = work_.product_rows.data(), *to_a = products(0) + padded_column<Sums>(0),
       *to_b = products(1) + padded_column<Sums>(0);
     for (std::size_t x = 0; x < count; x += kLanes) {
       Lanes a[Sums], b[Sums];
-      along_planes(from_a, a);
+      along_planes(from_a, common_a, a);
       if (is_pair) {
-        along_planes(from_b, b);
+        along_planes(from_b, common_b, b);
         arriving.arrive(rows, a, b);
 #pragma GCC unroll 6
         for (std::size_t k = 0; k < Sums; ++k) store<T>(b[k], to_b + k * stride);
@@ -292,6 +315,7 @@ class CorrelationSweep {
 #pragma GCC unroll 6
       for (std::size_t k = 0; k < Sums; ++k) store<T>(a[k], to_a + k * stride);
       from_a += last + slot, from_b += last + slot, rows += state;
+      if constexpr (kKeepsCommon) common_a += Sums * kLanes, common_b += Sums * kLanes;
       to_a += kPaddedStep<Sums>, to_b += kPaddedStep<Sums>;
     }
   }
