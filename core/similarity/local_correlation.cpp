@@ -18,15 +18,15 @@ namespace {
 /// q = ((var_f + e)(var_w + e))^-1/2, c = cov q. The derivative at sample y collects the windows x that hold y:
 ///     dc(x)/dw(y) = weight(y) / S_w(x) * ( q (f(y) - mean f) - c / (var_w + e) (w(y) - mean w) ),
 /// whose sum over x is box sums of coefficients that depend on x alone.
-/// Nothing of this sees a constant that is taken off an image; both lose their mean first, because sums are made in T
-/// and a variance small against the mean would be lost in them.
+/// Nothing of this sees a constant that is taken off an image; both lose about their mean first, because sums are made
+/// in T and a variance small against the mean would be lost in them.
 ///
 /// One sweep along the last axis ("planes") does it all, so that memory sees both images and the gradient and nothing
-/// else. For plane c of window centres each row goes through the whole chain: its products are summed along z, over
-/// planes c - r to c + r; those of 2 r + 1 rows along y, these along x, and that gives the coefficients of the row r
-/// before; the coefficients of 2 r + 1 rows are summed along y, those of 2 r + 1 planes along z and x, and end as the
-/// gradient of plane c - r. The lattice is swept in tiles, whose planes are as large as the cache allows; a tile works
-/// out what its neighbours' windows need of it for itself.
+/// else. For plane c of window centres two rows at a time go through the whole chain: their products are summed along
+/// z, over planes c - r to c + r; those of 2 r + 1 rows along y, these along x, and that gives the coefficients of the
+/// rows r before; these are summed along x and those of 2 r + 1 rows along y. What comes of two planes is summed along
+/// z, over 2 r + 1 planes, and ends as the gradient of the planes c - r and c - r - 1. The lattice is swept in tiles,
+/// whose planes are as large as the cache allows; a tile works out what its neighbours' windows need of it for itself.
 ///
 /// Every sum is made anew from what is in it: a window that moves on, taking in a row and letting one go, would in T
 /// keep a trace of what had been in it. What windows that follow each other have in common is summed once.
