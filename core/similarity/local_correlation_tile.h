@@ -405,14 +405,18 @@ class CorrelationSweep {
             store_first<T>(own_end_ - x, volume * rest, scene_.weight_gradient + site(x, row, plane));
       }
     };
-    // A register is finished when the next one has begun: quotient and root take longer than all the rest.
-    Moments moments = begin(0);
-    for (std::size_t x = kLanes; x < count; x += kLanes) {
-      const Moments next = begin(x);
-      finish(x - kLanes, moments);
-      moments = next;
+    if constexpr (Coefficients == 6) {  // which leave no registers for what follows
+      for (std::size_t x = 0; x < count; x += kLanes) finish(x, begin(x));
+    } else {
+      // A register is finished when the next one has begun: quotient and root take longer than all the rest.
+      Moments moments = begin(0);
+      for (std::size_t x = kLanes; x < count; x += kLanes) {
+        const Moments next = begin(x);
+        finish(x - kLanes, moments);
+        moments = next;
+      }
+      finish(count - kLanes, moments);
     }
-    finish(count - kLanes, moments);
     if (is_own)  // a row's in T, then in double
       for (std::size_t lane = 0; lane < kLanes; ++lane) energy_[lane] += double(energy[lane]);
   }
