@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <cstdint>
 #include <tuple>
 #include <utility>
 #include <vector>
@@ -17,15 +18,15 @@ namespace {
 /// q = ((var_f + e)(var_w + e))^-1/2, c = cov q. The derivative at sample y collects the windows x that hold y:
 ///     dc(x)/dw(y) = weight(y) / S_w(x) * ( q (f(y) - mean f) - c / (var_w + e) (w(y) - mean w) ),
 /// whose sum over x is box sums of coefficients that depend on x alone.
-/// Nothing of this sees a constant that is taken off an image; both lose their mean first, because sums are made in T
-/// and a variance small against the mean would be lost in them.
+/// Nothing of this sees a constant that is taken off an image; both lose about their mean first, because sums are made
+/// in T and a variance small against the mean would be lost in them.
 ///
 /// One sweep along the last axis ("planes") does it all, so that memory sees both images and the gradient and nothing
-/// else. For plane c of window centres each row goes through the whole chain: its products are summed along z, over
-/// planes c - r to c + r; those of 2 r + 1 rows along y, these along x, and that gives the coefficients of the row r
-/// before; the coefficients of 2 r + 1 rows are summed along y, those of 2 r + 1 planes along z and x, and end as the
-/// gradient of plane c - r. The lattice is swept in tiles, whose planes are as large as the cache allows; a tile works
-/// out what its neighbours' windows need of it for itself.
+/// else. For plane c of window centres two rows at a time go through the whole chain: their products are summed along
+/// z, over planes c - r to c + r; those of 2 r + 1 rows along y, these along x, and that gives the coefficients of the
+/// rows r before; these are summed along x and those of 2 r + 1 rows along y. What comes of two planes is summed along
+/// z, over 2 r + 1 planes, and ends as the gradient of the planes c - r and c - r - 1. The lattice is swept in tiles,
+/// whose planes are as large as the cache allows; a tile works out what its neighbours' windows need of it for itself.
 ///
 /// Every sum is made anew from what is in it: a window that moves on, taking in a row and letting one go, would in T
 /// keep a trace of what had been in it. What windows that follow each other have in common is summed once.
@@ -53,6 +54,7 @@ class LocalCorrelation final : public Similarity<Dim, T> {
   }
 
  private:
+  static constexpr std::size_t kBlock = 1024;                  ///< sites, of sums that are made apart
   static constexpr std::size_t kCacheBytes = 700 * 1024;       ///< of a second-level cache, for a tile's planes
   static constexpr int kMostPlanes = 64;                       ///< of a tile
   static constexpr int kMostRegisters = 768 / kRegisterBytes;  ///< of its rows: windows of them fit a first-level cache
@@ -67,9 +69,9 @@ class LocalCorrelation final : public Similarity<Dim, T> {
     const int registers = (width + lanes - 1) / lanes, strips = (registers + kMostRegisters - 1) / kMostRegisters;
     // Rows that the cache holds: those of the images go beyond a tile by two radii on both sides.
     const std::size_t row = static_cast<std::size_t>((registers + strips - 1) / strips) * kRegisterBytes;
-    const std::size_t products = row * ((sums - 3) * shape_.window(2) + sums);
-    const std::size_t both = products + row * coefficients * 2 * static_cast<std::size_t>(shape_.radius[2]);
-    const long bytes = static_cast<long>(kCacheBytes) - 4 * shape_.radius[1] * static_cast<long>(products);
+    const std::size_t images = row * (sums - 3) * (shape_.window(2) + 1);
+    const std::size_t both = images + row * coefficients * shape_.window(2);
+    const long bytes = static_cast<long>(kCacheBytes) - 4 * shape_.radius[1] * static_cast<long>(images);
     const int least = std::max(8, 2 * shape_.radius[1]);  // a tile's own rows are worth those beside it
     const int most =
         static_cast<int>(std::clamp<long>(bytes / static_cast<long>(both), least, std::max(least, (height + 1) / 2)));
@@ -86,28 +88,42 @@ class LocalCorrelation final : public Similarity<Dim, T> {
     return tiles;
   }
 
-  /// Of both images; 0 when nothing is seen.
+  /// About those of both images, 0 when nothing is seen: any value near the mean keeps sums small, so of large images
+  /// one block in four is read, here and there, and all of them where those show nothing.
   std::pair<T, T> weighted_means(const T* fixed, const T* warped, const T* weights) const {
-    constexpr std::size_t block = 4096;  // sums of blocks, in the same order for any number of threads
-    const std::size_t blocks = (sites_ + block - 1) / block;
-    std::vector<std::array<double, 3>> partial(blocks);
+    const std::size_t blocks = (sites_ + kBlock - 1) / kBlock;
+    std::array<double, 3> sums{};
+    if (blocks >= 64)
+      sums = weighted_sums(fixed, warped, weights, blocks / 4, [](std::size_t i) {
+        return 4 * i + (static_cast<std::uint32_t>(i) * 2654435761u >> 30);  // not the same part of every row
+      });
+    if (!(sums[0] > 0)) sums = weighted_sums(fixed, warped, weights, blocks, [](std::size_t i) { return i; });
+    if (!(sums[0] > 0)) return {T(0), T(0)};
+    return {static_cast<T>(sums[1] / sums[0]), static_cast<T>(sums[2] / sums[0])};
+  }
+
+  /// Of the weights and of both images, over `count` blocks, of which `block` tells the i-th.
+  template <class Block>
+  std::array<double, 3> weighted_sums(const T* fixed, const T* warped, const T* weights, std::size_t count,
+                                      const Block& block) const {
+    std::vector<std::array<double, 3>> partial(count);  // put together in the same order for any number of threads
 #pragma omp parallel for schedule(static)
-    for (std::size_t b = 0; b < blocks; ++b) {
-      const std::size_t first = b * block, count = std::min(block, sites_ - first);
+    for (std::size_t b = 0; b < count; ++b) {
+      const std::size_t first = block(b) * kBlock, sites = std::min(kBlock, sites_ - first);
       const T *f = fixed + first, *w = warped + first, *weight = weights ? weights + first : nullptr;
       double all = 0, sum_f = 0, sum_w = 0;
       if (weight) {
 #pragma omp simd reduction(+ : all, sum_f, sum_w)
-        for (std::size_t i = 0; i < count; ++i) {
+        for (std::size_t i = 0; i < sites; ++i) {
           const double share = weight[i];
           all += share;
           sum_f += share > 0 ? share * double(f[i]) : 0.0;
           sum_w += share > 0 ? share * double(w[i]) : 0.0;
         }
       } else {
-        all = static_cast<double>(count);
+        all = static_cast<double>(sites);
 #pragma omp simd reduction(+ : sum_f, sum_w)
-        for (std::size_t i = 0; i < count; ++i) {
+        for (std::size_t i = 0; i < sites; ++i) {
           sum_f += double(f[i]);
           sum_w += double(w[i]);
         }
@@ -117,8 +133,7 @@ class LocalCorrelation final : public Similarity<Dim, T> {
     std::array<double, 3> sums{};
     for (const auto& part : partial)
       for (std::size_t k = 0; k < 3; ++k) sums[k] += part[k];
-    if (!(sums[0] > 0)) return {T(0), T(0)};
-    return {static_cast<T>(sums[1] / sums[0]), static_cast<T>(sums[2] / sums[0])};
+    return sums;
   }
 
   /// Code of their own have the radii along x that RowWindow knows, and the default along all axes.

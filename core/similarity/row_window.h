@@ -15,21 +15,21 @@ class RowWindow {
   static constexpr int kMostRadius = 4;  ///< lanes of the narrowest register
   static_assert(0 <= Radius && Radius <= kMostRadius);
 
-  /// `rows` are `stride` apart. Unless the radius is 0, a register before the one where it begins is read, and one
-  /// after the last.
-  [[gnu::always_inline]] RowWindow(const T* rows, std::size_t stride, std::size_t begin) : stride_(stride) {
-    next_ = rows + begin;
+  /// Of rows whose first registers lie at `first`, `stride` apart, and whose registers follow each other `step` apart.
+  /// Unless the radius is 0, a register before the first is read, and one after the last.
+  [[gnu::always_inline]] RowWindow(const T* first, std::size_t stride, std::size_t step)
+      : next_(first), stride_(stride), step_(step) {
     if constexpr (Radius > 0) {
 #pragma GCC unroll 6
       for (std::size_t k = 0; k < Quantities; ++k) {
         here_[k] = load(next_ + k * stride_);
-        before_[k] = followers(load(next_ + k * stride_ - kRegisterLanes<T>), here_[k]);
+        before_[k] = followers(load(next_ + k * stride_ - step_), here_[k]);
       }
     }
   }
 
   [[gnu::always_inline]] void next(Register<T> (&sums)[Quantities]) {
-    if constexpr (Radius > 0) next_ += kRegisterLanes<T>;
+    if constexpr (Radius > 0) next_ += step_;
 #pragma GCC unroll 6
     for (std::size_t k = 0; k < Quantities; ++k) {
       const Register<T> entering = load(next_ + k * stride_);
@@ -43,7 +43,7 @@ class RowWindow {
         here_[k] = entering;
       }
     }
-    if constexpr (Radius == 0) next_ += kRegisterLanes<T>;
+    if constexpr (Radius == 0) next_ += step_;
   }
 
  private:
@@ -57,7 +57,7 @@ class RowWindow {
   }
 
   const T* next_;
-  std::size_t stride_;
+  std::size_t stride_, step_;
   Register<T> here_[Quantities], before_[Quantities];
 };
 

@@ -3,7 +3,6 @@
 #include <omp.h>
 
 #include <algorithm>
-#include <vector>
 
 #include "core/support/registers.h"
 #include "core/support/stopwatch.h"
@@ -30,37 +29,45 @@ Lanes multiply_and_add(int rounds) {
 
 }  // namespace
 
-MachineLimits measure_limits() {
+void MachineLimits::raise(const MachineLimits& other) {
+  gigabytes_per_second = std::max(gigabytes_per_second, other.gigabytes_per_second);
+  gigaflops = std::max(gigaflops, other.gigaflops);
+}
+
+LimitMeter::LimitMeter() {
+  constexpr std::size_t count = std::size_t(24) << 20;
+  a_.assign(count, 0);
+  b_.assign(count, 1);
+  c_.resize(count);
+  for (std::size_t i = 0; i < count; ++i) c_[i] = static_cast<float>(i % 7);
+}
+
+MachineLimits LimitMeter::measure() {
   MachineLimits limits;
   const auto taken = [](const Stopwatch& watch) {
     return omp_get_max_threads() == 1 ? watch.cpu_seconds() : watch.seconds();
   };
-  constexpr std::size_t count = std::size_t(24) << 20;
-  std::vector<float> a(count), b(count), c(count);
-#pragma omp parallel for schedule(static)
-  for (std::size_t i = 0; i < count; ++i) a[i] = 0, b[i] = 1, c[i] = static_cast<float>(i % 7);
-  for (int repetition = 0; repetition < 12; ++repetition) {
-    const float s = 0.5f + 0.01f * static_cast<float>(repetition);
+  {
+    const float s = 0.5f + 0.01f * static_cast<float>(++measured_ % 12);
+    float* a = a_.data();
+    const float *b = b_.data(), *c = c_.data();
+    const std::size_t count = a_.size();
     const Stopwatch watch;
 #pragma omp parallel for simd schedule(static)
     for (std::size_t i = 0; i < count; ++i) a[i] = b[i] + s * c[i];
-    limits.gigabytes_per_second =
-        std::max(limits.gigabytes_per_second, 12e-9 * static_cast<double>(count) / taken(watch));
+    limits.gigabytes_per_second = 12e-9 * static_cast<double>(count) / taken(watch);
   }
   constexpr int rounds = 4'000'000;
   float kept = 0;
   int threads = 0;
-  for (int repetition = 0; repetition < 12; ++repetition) {
-    const Stopwatch watch;
-    threads = 0;
+  const Stopwatch watch;
 #pragma omp parallel reduction(+ : kept, threads)
-    {
-      kept += multiply_and_add(rounds)[0];
-      ++threads;
-    }
-    const double work = 2e-9 * kRegisterLanes<float> * kSums * static_cast<double>(rounds) * threads;
-    limits.gigaflops = std::max(limits.gigaflops, work / taken(watch));
+  {
+    kept += multiply_and_add(rounds)[0];
+    ++threads;
   }
+  const double work = 2e-9 * kRegisterLanes<float> * kSums * static_cast<double>(rounds) * threads;
+  limits.gigaflops = work / taken(watch);
   // Of use, so that the loop is not left out.
   if (kept == 1.2345f) limits.gigaflops = 0;
   return limits;

@@ -294,6 +294,37 @@ TEST(LocalCorrelation, EqualsTheSumOverWindowsForEveryWayToSumThem) {
       }
 }
 
+// In float, images far from 0, so large that not all of them is read to find about where they are; of the second mask
+// no part that is looked at first shows anything. Oracle: double.
+TEST(LocalCorrelation, KeepsItsAccuracyFarFromZeroInLargeImages) {
+  const Lattice<3> lattice{{60, 41, 33}, {1, 1, 1}, {}};
+  ASSERT_GT(lattice.sites(), 65536u);
+  const std::vector<double> waves = testing::random_waves<3>(lattice, 4), others = testing::random_waves<3>(lattice, 5);
+  std::vector<float> fixed(lattice.sites()), warped(lattice.sites()), everything(lattice.sites(), 1),
+      spot(lattice.sites(), 0);
+  for (std::size_t i = 0; i < fixed.size(); ++i) {
+    fixed[i] = 32768 + static_cast<float>(waves[i]);
+    warped[i] = 32768 - static_cast<float>(others[i]);
+  }
+  for (std::size_t i = 41 * 1024 + 100; i < 41 * 1024 + 900; ++i) spot[i] = 1;
+  const std::vector<double> exact_fixed(fixed.begin(), fixed.end()), exact_warped(warped.begin(), warped.end());
+  for (const std::vector<float>* weights : {static_cast<std::vector<float>*>(nullptr), &everything, &spot}) {
+    std::vector<float> gradient(lattice.sites());
+    std::vector<double> expected(lattice.sites()), exact_weights;
+    if (weights) exact_weights.assign(weights->begin(), weights->end());
+    const double energy =
+        make_local_correlation<3, float>(lattice, 2, 0.01)
+            ->evaluate(fixed.data(), warped.data(), weights ? weights->data() : nullptr, gradient.data(), nullptr);
+    const double sum = make_local_correlation<3, double>(lattice, 2, 0.01)
+                           ->evaluate(exact_fixed.data(), exact_warped.data(), weights ? exact_weights.data() : nullptr,
+                                      expected.data(), nullptr);
+    EXPECT_NEAR(energy, sum, 1e-6 * sum);
+    double largest = 0;
+    for (double slope : expected) largest = std::max(largest, std::abs(slope));
+    for (std::size_t i = 0; i < expected.size(); ++i) ASSERT_NEAR(gradient[i], expected[i], 1e-4 * largest) << i;
+  }
+}
+
 TEST(LocalCorrelation, HasTheSameBitsForAnyNumberOfThreads) {
   const Lattice<3> lattice{{210, 61, 70}, {1, 1, 1}, {}};
   const std::vector<double> waves = testing::random_waves<3>(lattice, 4), others = testing::random_waves<3>(lattice, 5);
