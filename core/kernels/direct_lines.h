@@ -58,12 +58,20 @@ struct Lines {
   }
 };
 
+/// What is fetched into the second cache while a group is summed: so many lines at once are foreseen by no machine.
+/// Null: nothing.
+template <class T>
+struct Soon {
+  std::size_t lines = 0;
+  const T *read = nullptr, *written = nullptr;
+};
+
 /// A row of taps applied along x, where the values that meet lie side by side: as many lines as a register has lanes
 /// are turned, so that each fills one lane of a column of registers, summed down that column, and turned back. Lines
 /// that are 0 are passed over. One group of them; `out` may be `in`.
 template <class T>
 void convolve_line_group(const Lines& all, std::size_t group, const MirroredTaps<T>& taps, bool adds, const T* in,
-                         T* out, LineScratch<T>& scratch) {
+                         T* out, const Soon<T>& soon, LineScratch<T>& scratch) {
   constexpr std::size_t lanes = kRegisterLanes<T>;
   const std::size_t sites = all.sites, channels = all.channels;
   const std::size_t length = sites * channels;  // of a line
@@ -86,13 +94,11 @@ void convolve_line_group(const Lines& all, std::size_t group, const MirroredTaps
     for (std::size_t line = 0; line < some; ++line) std::copy_n(from + line * length + i, width, tile + line * lanes);
     transpose_tile<T>(tile, lanes, false, values + i * lanes, lanes);
   }
-  const std::size_t next_some = group + 1 < all.groups<T>() ? at_most(lanes, all.lines, (group + 1) * lanes) : 0;
   for (std::size_t x = 0; x < sites; x += lanes) {
-    // The next lines are asked for while these are summed: so many at once are foreseen by no machine.
-    for (std::size_t line = 0; line < next_some; ++line)
+    for (std::size_t line = 0; line < soon.lines; ++line)
       for (std::size_t i = x * channels; i < std::min(length, (x + lanes) * channels); i += 64 / sizeof(T)) {
-        __builtin_prefetch(from + (lanes + line) * length + i, 0, 2);
-        __builtin_prefetch(to + (lanes + line) * length + i, 1, 2);
+        if (soon.read) __builtin_prefetch(soon.read + line * length + i, 0, 2);
+        if (soon.written) __builtin_prefetch(soon.written + line * length + i, 1, 2);
       }
     sum_mirrored<T>(taps,
                     {static_cast<int>(lanes) / kRowsAtOnce, static_cast<int>(channels), values + x * step,
@@ -117,8 +123,14 @@ void convolve_lines(const Lines& all, const MirroredTaps<T>& taps, bool adds, bo
   {
     LineScratch<T> scratch(all.sites, all.channels, taps.reach());
 #pragma omp for schedule(static)
-    for (std::size_t group = 0; group < all.groups<T>(); ++group)
-      convolve_line_group(all, group, taps, adds, in, out, scratch);
+    for (std::size_t group = 0; group < all.groups<T>(); ++group) {
+      const std::size_t next = (group + 1) * kRegisterLanes<T>;  // line
+      Soon<T> soon;
+      if (next < all.lines)
+        soon = {at_most(kRegisterLanes<T>, all.lines, next), in + next * all.sites * all.channels,
+                out + next * all.sites * all.channels};
+      convolve_line_group(all, group, taps, adds, in, out, soon, scratch);
+    }
   }
 }
 

@@ -46,51 +46,81 @@ std::size_t longest_reach(const AxisTaps<T>& taps) {
   return reach;
 }
 
+/// How many planes convolve_planes takes together: the fewest whose lines fill their groups but for a few percent, as
+/// far as the second cache holds them.
+template <class T>
+std::size_t planes_together(std::size_t lines_a_plane, std::size_t plane) {
+  constexpr std::size_t most_bytes = 384 << 10;
+  const auto lanes_a_line = [&](std::size_t planes) {
+    const Lines lines{planes * lines_a_plane, 0, 0};
+    return static_cast<double>(lines.groups<T>() * kRegisterLanes<T>) / static_cast<double>(lines.lines);
+  };
+  std::size_t best = 1;
+  for (std::size_t planes = 2; planes * plane * sizeof(T) <= most_bytes && lanes_a_line(best) > 1.03; ++planes)
+    if (lanes_a_line(planes) < lanes_a_line(best)) best = planes;
+  return best;
+}
+
 }  // namespace
 
 template <class T>
 void convolve_planes(const Lattice<3>& lattice, int channels, const AxisTaps<T>& along_y, const AxisTaps<T>& along_x,
                      Combine combine, const T* in, T* out) {
   const auto width = static_cast<std::size_t>(lattice.size[0]), height = static_cast<std::size_t>(lattice.size[1]),
-             values = static_cast<std::size_t>(channels);
-  const Strips strips{1, height, width * values};
-  const Lines lines{height, width, values};
-  const std::size_t plane = height * width * values;
-  const int planes = lattice.size[2], threads = threads_worth(lattice.sites());
-  // Few planes cannot be shared out: then threads share each of them.
-  const bool shares_planes = (planes + threads - 1) / threads * threads > planes + planes / 4;
-  LineVector<T> shared(shares_planes ? plane : 0);
-#pragma omp parallel num_threads(threads)
+             planes = static_cast<std::size_t>(lattice.size[2]), values = static_cast<std::size_t>(channels);
+  const std::size_t line = width * values, together = planes_together<T>(height, height * line);
+  const std::size_t slabs = (planes + together - 1) / together, slab_size = together * height * line;
+  const auto strips_of = [&](std::size_t slab) {
+    return Strips{at_most(together, planes, slab * together), height, line};
+  };
+  const auto lines_of = [&](std::size_t slab) {
+    return Lines{at_most(together, planes, slab * together) * height, width, values};
+  };
+  const bool is_far = planes * height * line * sizeof(T) > (4 << 20);
+  // Few slabs cannot be shared out: then threads share each of them.
+  const auto threads = static_cast<std::size_t>(threads_worth(lattice.sites()));
+  const bool shares_slabs = (slabs + threads - 1) / threads * threads > slabs + slabs / 4;
+  LineVector<T> shared(shares_slabs ? slab_size : 0);
+#pragma omp parallel num_threads(static_cast <int>(threads))
   {
     StripScratch<T> strip_scratch(height, longest_reach(along_y));
     LineScratch<T> line_scratch(width, values, longest_reach(along_x));
-    LineVector<T> own(shares_planes ? 0 : plane);
-    const auto convolve_strip_of = [&](int z, std::size_t strip, T* between) {
+    LineVector<T> own(shares_slabs ? 0 : slab_size);
+    const auto pass_along_y = [&](std::size_t slab, std::size_t strip, T* between) {
       bool adds = false;
       for (const MirroredTaps<T>& part : along_y.parts()) {
-        convolve_strip(strips, strip, part, adds, in + z * plane, between, strip_scratch);
+        convolve_strip(strips_of(slab), strip, part, adds, in + slab * slab_size, between, strip_scratch);
         adds = true;
       }
     };
-    const auto convolve_group_of = [&](int z, std::size_t group, const T* between) {
+    const auto pass_along_x = [&](std::size_t slab, std::size_t group, const T* between) {
+      // What y reads next, unless it is near anyhow.
+      const std::size_t first = group * kRegisterLanes<T>, next = (slab + 1) * slab_size + first * line;
+      Soon<T> soon;
+      if (is_far && slab + 1 < slabs && first < lines_of(slab + 1).lines)
+        soon = {at_most(kRegisterLanes<T>, lines_of(slab + 1).lines, first), in + next, nullptr};
       bool adds = combine == Combine::Add;
       for (const MirroredTaps<T>& part : along_x.parts()) {
-        convolve_line_group(lines, group, part, adds, between, out + z * plane, line_scratch);
+        convolve_line_group(lines_of(slab), group, part, adds, between, out + slab * slab_size, soon, line_scratch);
         adds = true;
       }
     };
-    if (shares_planes) {
-      for (int z = 0; z < planes; ++z) {
+    if (shares_slabs) {
+      for (std::size_t slab = 0; slab < slabs; ++slab) {
 #pragma omp for schedule(static)
-        for (std::size_t strip = 0; strip < strips.all<T>(); ++strip) convolve_strip_of(z, strip, shared.data());
+        for (std::size_t strip = 0; strip < strips_of(slab).template all<T>(); ++strip)
+          pass_along_y(slab, strip, shared.data());
 #pragma omp for schedule(static)
-        for (std::size_t group = 0; group < lines.groups<T>(); ++group) convolve_group_of(z, group, shared.data());
+        for (std::size_t group = 0; group < lines_of(slab).template groups<T>(); ++group)
+          pass_along_x(slab, group, shared.data());
       }
     } else {
 #pragma omp for schedule(static)
-      for (int z = 0; z < planes; ++z) {
-        for (std::size_t strip = 0; strip < strips.all<T>(); ++strip) convolve_strip_of(z, strip, own.data());
-        for (std::size_t group = 0; group < lines.groups<T>(); ++group) convolve_group_of(z, group, own.data());
+      for (std::size_t slab = 0; slab < slabs; ++slab) {
+        for (std::size_t strip = 0; strip < strips_of(slab).template all<T>(); ++strip)
+          pass_along_y(slab, strip, own.data());
+        for (std::size_t group = 0; group < lines_of(slab).template groups<T>(); ++group)
+          pass_along_x(slab, group, own.data());
       }
     }
   }

@@ -23,8 +23,8 @@ template <int Dim, class T>
 void convolve_axis(const Lattice<Dim>& lattice, int axis, const AxisTaps<T>& taps, Combine combine,
                    const BlockMask<Dim>& in_at, const T* in, const BlockMask<Dim>& out_at, T* out);
 
-/// convolve_axis along y and then x, to the bit, plane by plane: what y makes of a plane stays in a cache of the thread
-/// until x has made the plane's result of it, so that a field goes through memory once. `out` may be `in`.
+/// convolve_axis along y and then x, to the bit, one plane or a few at a time: what y makes of them stays in a thread's
+/// cache until x has made their result of it, so that a field goes through memory once. `out` may be `in`.
 template <class T>
 void convolve_planes(const Lattice<3>& lattice, int channels, const AxisTaps<T>& along_y, const AxisTaps<T>& along_x,
                      Combine combine, const T* in, T* out);

@@ -68,27 +68,29 @@ Evaluation MatchingObjective<Dim, T>::evaluate(const std::vector<T>& x, std::vec
   polls_ = 0;
   if (on_work_) on_work_(0);
   const std::vector<MomentumPointers<T>> momenta = set_.evaluated(x);
-  std::fill(gradient.begin(), gradient.end(), T(0));
-  std::fill(preconditioned.begin(), preconditioned.end(), T(0));
   const std::vector<MomentumTargets<T>> gradients = set_.targets(gradient), scaled = set_.dense_targets(preconditioned);
 
-  // The penalty's gradient is a V K m, so its preconditioned form is m itself.
+  // The penalty's gradient is a V K m, so its preconditioned form is m itself. Where there is order 0 alone it is V
+  // times the velocity that shooting begins with.
   parts_ = {};
   const ActiveBlocks<Dim> blocks = set_.blocks();
   for (std::size_t s = 0; s < scales_.size(); ++s) {
-    MomentumMasks<Dim> at = scales_[s]->everywhere(), wanted = at;
     if (scales_[s]->has_first_order()) {
+      MomentumMasks<Dim> at = scales_[s]->everywhere(), wanted = at;
       at.first = masks_of<Dim>(scales_[s]->lattice(), blocks.momenta[s]);
       wanted.first = masks_of<Dim>(scales_[s]->lattice(), blocks.wanted[s]);
+      parts_.regularisation +=
+          scales_[s]->penalty(momenta[s].zeroth, momenta[s].first, at, wanted, gradients[s].zeroth, gradients[s].first);
     }
-    parts_.regularisation +=
-        scales_[s]->penalty(momenta[s].zeroth, momenta[s].first, at, wanted, gradients[s].zeroth, gradients[s].first);
     if (momenta[s].zeroth) std::copy_n(momenta[s].zeroth, scales_[s]->field_size(), scaled[s].zeroth);
-    if (OrientedMomenta<Dim, T>* oriented = scales_[s]->oriented())
+    if (OrientedMomenta<Dim, T>* oriented = scales_[s]->oriented()) {
+      std::fill_n(gradients[s].oriented, oriented->kComponents * momenta[s].elements->size(), T(0));
       parts_.regularisation += oriented->penalty(*momenta[s].elements, momenta[s].oriented, gradients[s].oriented);
+    }
   }
-
-  shooting_.shoot(momenta, blocks);
+  shooting_.shoot(momenta, blocks, [&](std::size_t s, const T* velocity) {
+    parts_.regularisation += scales_[s]->penalty_of_velocity(momenta[s].zeroth, velocity, gradients[s].zeroth);
+  });
   const Displacement<Dim, T> displacement = on_level(map_.follow(shooting_.velocities()));
   const bool moving_weights = !level_.moving_weights.samples.empty();
   warp_level<Dim, T>(level_, displacement, warped_, weights_);
