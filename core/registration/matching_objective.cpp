@@ -75,14 +75,18 @@ Evaluation MatchingObjective<Dim, T>::evaluate(const std::vector<T>& x, std::vec
   parts_ = {};
   const ActiveBlocks<Dim> blocks = set_.blocks();
   for (std::size_t s = 0; s < scales_.size(); ++s) {
+    const Lattice<Dim>& lattice = scales_[s]->lattice();
     if (scales_[s]->has_first_order()) {
       MomentumMasks<Dim> at = scales_[s]->everywhere(), wanted = at;
-      at.first = masks_of<Dim>(scales_[s]->lattice(), blocks.momenta[s]);
-      wanted.first = masks_of<Dim>(scales_[s]->lattice(), blocks.wanted[s]);
+      at.first = masks_of<Dim>(lattice, blocks.momenta[s]);
+      wanted.first = masks_of<Dim>(lattice, blocks.wanted[s]);
       parts_.regularisation +=
           scales_[s]->penalty(momenta[s].zeroth, momenta[s].first, at, wanted, gradients[s].zeroth, gradients[s].first);
     }
-    if (momenta[s].zeroth) std::copy_n(momenta[s].zeroth, scales_[s]->field_size(), scaled[s].zeroth);
+    if (const T* zeroth = momenta[s].zeroth)
+      BlockMask<Dim>::all(lattice).for_runs(lattice, [&](std::size_t begin, std::size_t count) {
+        std::copy_n(zeroth + Dim * begin, Dim * count, scaled[s].zeroth + Dim * begin);
+      });
     if (OrientedMomenta<Dim, T>* oriented = scales_[s]->oriented()) {
       std::fill_n(gradients[s].oriented, oriented->kComponents * momenta[s].elements->size(), T(0));
       parts_.regularisation += oriented->penalty(*momenta[s].elements, momenta[s].oriented, gradients[s].oriented);
@@ -109,7 +113,7 @@ Evaluation MatchingObjective<Dim, T>::evaluate(const std::vector<T>& x, std::vec
     duals.push_back({&level_.moving_weights, weight_dual_.data()});
   }
   warp_adjoint<Dim, T>(duals, level_.lattice, displacement, map_dual_.data());
-  for (Field<T>& dual : velocity_duals_) std::fill(dual.begin(), dual.end(), T(0));
+  for (Field<T>& dual : velocity_duals_) BlockMask<Dim>::all(flow_).clear(flow_, Dim, dual.data());
   if (level_.divergence_weight > 0)
     for (int k = 0, last = shooting_.nodes() - 1; k <= last; ++k) {
       const double share = (k == 0 || k == last ? 0.5 : 1.0) / last;  // trapezoidal rule
