@@ -1,6 +1,7 @@
 #include "core/flow/backward_map.h"
 
 #include "core/flow/particle_steps.h"
+#include "core/grid/block_mask.h"
 
 #include <algorithm>
 #include <array>
@@ -37,7 +38,7 @@ void BackwardMap<Dim, T>::adjoint(const std::vector<Field<T>>& velocities, Field
     const T* from = position_[k + 1].empty() ? nullptr : position_[k + 1].data();
     const T* v_next = velocities[k + 1].data();
     advance<Dim, T>(points_, from, from, lattice_, v_next, -dt, predicted_.data());
-    std::fill(predicted_dual_.begin(), predicted_dual_.end(), T(0));
+    BlockMask<Dim>::all(points_).clear(points_, Dim, predicted_dual_.data());
     advance_adjoint<Dim, T>(points_, predicted_.data(), lattice_, velocities[k].data(), -dt / 2, dual.data(),
                             velocity_duals[k].data(), predicted_dual_.data());
     // `dual` is that of the position at node k, now of k + 1; what goes through v_{k+1} takes the place of

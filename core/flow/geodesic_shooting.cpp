@@ -40,6 +40,7 @@ GeodesicShooting<Dim, T>::GeodesicShooting(std::vector<MomentumScale<Dim, T>*> s
     const auto found = std::find_if(lattices_.begin(), lattices_.end(),
                                     [&](const auto& shared) { return shared->lattice == scale->lattice(); });
     SharedLattice* same = found == lattices_.end() ? nullptr : found->get();
+    const bool same_lattice_before = same != nullptr;
     if (!same) {
       auto shared = std::make_unique<SharedLattice>(scale->lattice(), velocity_lattice, evolution);
       const std::size_t field = scale->field_size();
@@ -67,7 +68,7 @@ GeodesicShooting<Dim, T>::GeodesicShooting(std::vector<MomentumScale<Dim, T>*> s
                                                                    scale->has_first_order(), evolution);
     state.zeroth.resize(scale->field_size());
     if (scale->has_first_order()) state.first.resize(Dim * scale->field_size());
-    state.velocity.resize(scale->field_size());
+    if (same_lattice_before || !zeroth) state.velocity.resize(scale->field_size());
     if (scale->oriented())
       state.oriented =
           std::make_unique<OrientedFlow<Dim, T>>(*scale->oriented(), velocity_lattice, time_steps, evolution);
@@ -114,24 +115,43 @@ void GeodesicShooting<Dim, T>::choose_sites() {
   }
 }
 
-/// Adds the velocity of one scale to that of its lattice.
+/// Nothing is there yet: the first to come writes.
 template <int Dim, class T>
-void GeodesicShooting<Dim, T>::add_velocity(ScaleState& state, const T* zeroth, const T* first,
-                                            const MomentumMasks<Dim>& at, Field<T>& velocity) {
-  if (at.is_empty()) return;
-  const BlockMask<Dim> reached = state.scale->synthesise(zeroth, first, at, state.velocity.data());
-  Field<T>& sum = state.shared->sum.empty() ? velocity : state.shared->sum;
-  add_fields<Dim, T>(state.scale->lattice(), reached, state.velocity.data(), sum.data());
+void GeodesicShooting<Dim, T>::begin_velocity() {
+  is_velocity_written_ = false;
+  for (auto& shared : lattices_) shared->is_sum_written = false;
 }
 
-/// Adds what the lattices have gathered, and empties them.
+/// Adds the velocity of one scale to that of its lattice, and tells where it stands by itself until somebody adds to
+/// it.
 template <int Dim, class T>
-void GeodesicShooting<Dim, T>::finish_velocity(Field<T>& velocity) {
-  for (auto& shared : lattices_) {
-    if (shared->sum.empty() || shared->acting.is_empty()) continue;
-    shared->prolongation.add_to(shared->sum.data(), velocity.data());
-    std::fill(shared->sum.begin(), shared->sum.end(), T(0));
+const T* GeodesicShooting<Dim, T>::add_velocity(ScaleState& state, const T* zeroth, const T* first,
+                                                const MomentumMasks<Dim>& at, Field<T>& velocity) {
+  if (at.is_empty()) return nullptr;
+  const Lattice<Dim>& lattice = state.scale->lattice();
+  const bool is_direct = state.shared->sum.empty();
+  Field<T>& sum = is_direct ? velocity : state.shared->sum;
+  bool& is_written = is_direct ? is_velocity_written_ : state.shared->is_sum_written;
+  if (state.velocity.empty()) {
+    state.scale->synthesise(zeroth, first, at, sum.data());
+    is_written = true;
+    return sum.data();
   }
+  if (!is_written) BlockMask<Dim>::all(lattice).clear(lattice, Dim, sum.data());
+  is_written = true;
+  const BlockMask<Dim> reached = state.scale->synthesise(zeroth, first, at, state.velocity.data());
+  add_fields<Dim, T>(lattice, reached, state.velocity.data(), sum.data());
+  return state.velocity.data();
+}
+
+/// Adds oriented momenta and what the lattices have gathered.
+template <int Dim, class T>
+void GeodesicShooting<Dim, T>::finish_velocity(int k, Field<T>& velocity) {
+  if (!is_velocity_written_) BlockMask<Dim>::all(lattice_).clear(lattice_, Dim, velocity.data());
+  for (ScaleState& state : states_)
+    if (state.oriented) state.oriented->add_velocity(k, velocity.data());
+  for (auto& shared : lattices_)
+    if (shared->is_sum_written) shared->prolongation.add_to(shared->sum.data(), velocity.data());
 }
 
 /// v at the nodes within the steps, from those at their ends.
@@ -168,22 +188,19 @@ void GeodesicShooting<Dim, T>::gather_between_steps(std::vector<Field<T>>& veloc
 }
 
 template <int Dim, class T>
-void GeodesicShooting<Dim, T>::shoot(const std::vector<MomentumPointers<T>>& momenta, const ActiveBlocks<Dim>& blocks) {
+void GeodesicShooting<Dim, T>::shoot(const std::vector<MomentumPointers<T>>& momenta, const ActiveBlocks<Dim>& blocks,
+                                     const StartingVelocity& on_start) {
   const T dt = T(1) / static_cast<T>(time_steps_);
   blocks_ = blocks;
   choose_sites();
-  for (auto& shared : lattices_) std::fill(shared->sum.begin(), shared->sum.end(), T(0));
-  for (int k = 0; k <= time_steps_; ++k) {
-    Field<T>& velocity = velocities_[end_of_step(k)];
-    std::fill(velocity.begin(), velocity.end(), T(0));
-  }
+  begin_velocity();
   for (std::size_t s = 0; s < states_.size(); ++s) {
-    add_velocity(states_[s], momenta[s].zeroth, momenta[s].first, at_start(s, momenta_of(s)), velocities_[0]);
-    if (!states_[s].oriented) continue;
-    states_[s].oriented->begin(momenta[s].elements, momenta[s].oriented);
-    states_[s].oriented->add_velocity(0, velocities_[0].data());
+    const T* velocity =
+        add_velocity(states_[s], momenta[s].zeroth, momenta[s].first, at_start(s, momenta_of(s)), velocities_[0]);
+    if (on_start && !states_[s].scale->has_first_order()) on_start(s, velocity);
+    if (states_[s].oriented) states_[s].oriented->begin(momenta[s].elements, momenta[s].oriented);
   }
-  finish_velocity(velocities_[0]);
+  finish_velocity(0, velocities_[0]);
 
   for (int k = 0; k < time_steps_; ++k) {
     for (auto& shared : lattices_) {
@@ -191,6 +208,7 @@ void GeodesicShooting<Dim, T>::shoot(const std::vector<MomentumPointers<T>>& mom
                       lattice_, velocities_[end_of_step(k)].data(), dt, shared->predicted[k + 1].data());
       shared->sites.move(shared->predicted[k + 1].data(), shared->acting);
     }
+    begin_velocity();
     for (std::size_t s = 0; s < states_.size(); ++s) {
       if (poll_) poll_();
       ScaleState& state = states_[s];
@@ -199,11 +217,9 @@ void GeodesicShooting<Dim, T>::shoot(const std::vector<MomentumPointers<T>>& mom
       state.transport->push(state.shared->sites, momenta[s].zeroth, momenta[s].first, start, reached,
                             state.zeroth.data(), state.first.data());
       add_velocity(state, state.zeroth.data(), pointer(state.first), reached, velocities_[end_of_step(k + 1)]);
-      if (!state.oriented) continue;
-      state.oriented->predict(k, velocities_[end_of_step(k)].data(), dt);
-      state.oriented->add_velocity(k + 1, velocities_[end_of_step(k + 1)].data());
+      if (state.oriented) state.oriented->predict(k, velocities_[end_of_step(k)].data(), dt);
     }
-    finish_velocity(velocities_[end_of_step(k + 1)]);
+    finish_velocity(k + 1, velocities_[end_of_step(k + 1)]);
     if (k + 1 == time_steps_) break;
     for (ScaleState& state : states_)
       if (state.oriented) state.oriented->correct(k + 1, velocities_[end_of_step(k + 1)].data(), dt);

@@ -58,8 +58,14 @@ class GeodesicShooting {
   int nodes() const { return time_steps_ * map_steps_ + 1; }  ///< at which there are velocities
   const Lattice<Dim>& velocity_lattice() const { return lattice_; }
 
-  /// Fills the velocities of all nodes. `blocks` must live until the adjoint is done.
-  void shoot(const std::vector<MomentumPointers<T>>& momenta, const ActiveBlocks<Dim>& blocks = {});
+  /// What a scale without first orders makes of its momenta at time 0, everywhere on its lattice, without its oriented
+  /// momenta: MomentumScale::synthesise of them.
+  using StartingVelocity = std::function<void(std::size_t scale, const T* velocity)>;
+
+  /// Fills the velocities of all nodes. `blocks` must live until the adjoint is done. `on_start` is told of each scale
+  /// without first orders what is synthesised of it anyhow.
+  void shoot(const std::vector<MomentumPointers<T>>& momenta, const ActiveBlocks<Dim>& blocks = {},
+             const StartingVelocity& on_start = {});
 
   /// v(t_k), k = 0..time_steps * map_steps, t_k evenly spaced over [0,1], interleaved, mm per unit time.
   const std::vector<Field<T>>& velocities() const { return velocities_; }
@@ -89,6 +95,7 @@ class GeodesicShooting {
     BlockMask<Dim> moved;             ///< where sites have to be known
     BlockMask<Dim> acting;            ///< where sites can have an influence on the velocity
     Field<T> sum;                     ///< velocity of all its scales; of no use where prolongation is the identity
+    bool is_sum_written = false;      ///< of this node, so that others add to it
     Field<T> position_dual, predicted_dual, through_velocity;
     Field<T> restricted;  ///< as sum
   };
@@ -97,14 +104,16 @@ class GeodesicShooting {
     SharedLattice* shared;
     std::unique_ptr<CoadjointTransport<Dim, T>> transport;
     std::unique_ptr<OrientedFlow<Dim, T>> oriented;  ///< null where the scale has none
-    Field<T> zeroth, first, velocity;                ///< transported momenta (later their duals) and their velocity
+    Field<T> zeroth, first;                          ///< transported momenta, later their duals
+    Field<T> velocity;  ///< empty: the scale has order 0 and is the first of its lattice, whose sum it writes
   };
   AxisBlocks<Dim> momenta_of(std::size_t scale) const;
   AxisBlocks<Dim> wanted_of(std::size_t scale) const;
   MomentumMasks<Dim> at_start(std::size_t scale, const AxisBlocks<Dim>& blocks) const;
-  void add_velocity(ScaleState& state, const T* zeroth, const T* first, const MomentumMasks<Dim>& at,
-                    Field<T>& velocity);
-  void finish_velocity(Field<T>& velocity);
+  void begin_velocity();
+  const T* add_velocity(ScaleState& state, const T* zeroth, const T* first, const MomentumMasks<Dim>& at,
+                        Field<T>& velocity);
+  void finish_velocity(int k, Field<T>& velocity);
   /// v at the end of a step, among the velocities of all nodes.
   std::size_t end_of_step(int k) const { return static_cast<std::size_t>(k) * map_steps_; }
   void fill_between_steps();
@@ -116,6 +125,7 @@ class GeodesicShooting {
   std::vector<std::unique_ptr<SharedLattice>> lattices_;
   std::vector<ScaleState> states_;
   std::vector<Field<T>> velocities_;
+  bool is_velocity_written_ = false;  ///< of this node, so that others add to it
   ActiveBlocks<Dim> blocks_;
   std::function<void()> poll_;
 };

@@ -128,9 +128,9 @@ struct MomentumMasks {
   MomentumMasks(const BlockMask<Dim>& zeroth, const BlockMask<Dim>& each_first)
       : MomentumMasks(zeroth, each_first, std::make_index_sequence<Dim>()) {}
 
-  bool is_empty() const {
-    return zeroth.is_empty() &&
-           std::all_of(first.begin(), first.end(), [](const BlockMask<Dim>& mask) { return mask.is_empty(); });
+  bool is_empty() const { return zeroth.is_empty() && has_no_first(); }
+  bool has_no_first() const {
+    return std::all_of(first.begin(), first.end(), [](const BlockMask<Dim>& mask) { return mask.is_empty(); });
   }
 
  private:

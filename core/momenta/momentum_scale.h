@@ -68,12 +68,12 @@ class MomentumScale {
   MomentumMasks<Dim> everywhere() const;
 
   /// velocity = (from order 0) + (from order 1). `first` holds Dim fields one after the other; either may be null.
-  /// Momenta are 0 outside `at`; velocity is written where they reach, and that is returned. 3 passes in 3-D for order
-  /// 0 alone, 9 with order 1, each over the blocks that it can reach.
+  /// Momenta are 0 outside `at`; velocity is written where they reach, and that is returned: everywhere, where order 0
+  /// is everywhere. 3 passes in 3-D for order 0 alone, 9 with order 1, each over the blocks that it can reach.
   BlockMask<Dim> synthesise(const T* zeroth, const T* first, const MomentumMasks<Dim>& at, T* velocity);
   void synthesise(const T* zeroth, const T* first, T* velocity) { synthesise(zeroth, first, everywhere(), velocity); }
   /// Exact transpose of synthesise, worth something in `wanted` only. `zeroth` is scratch as well and never null;
-  /// `first` may be null.
+  /// `first` may be null. No two of them overlap.
   void synthesise_transpose(const T* velocity, const MomentumMasks<Dim>& wanted, T* zeroth, T* first);
   void synthesise_transpose(const T* velocity, T* zeroth, T* first) {
     synthesise_transpose(velocity, everywhere(), zeroth, first);
@@ -87,6 +87,8 @@ class MomentumScale {
   double penalty(const T* zeroth, const T* first, T* zeroth_gradient, T* first_gradient) {
     return penalty(zeroth, first, everywhere(), everywhere(), zeroth_gradient, first_gradient);
   }
+  /// The same for a scale of order 0 alone, of the velocity that synthesise made of all of its momenta: without a pass.
+  double penalty_of_velocity(const T* zeroth, const T* velocity, T* zeroth_gradient) const;
 
   /// 1/2 (rho | K rho) for the total element rho = m_0 + unit sum_b d_b m_b, cross terms between the orders included.
   double total_energy(const T* zeroth, const T* first);
@@ -100,13 +102,21 @@ class MomentumScale {
     /// All taps times `share`, and once for each derivative times `unit`; slopes also times `ratio`, a_1 / a_0.
     Rows(const KernelTaps& taps, double share, double unit, double ratio);
   };
-  using Component = std::vector<Rows>;  ///< by axis
+  /// One kernel of the sum. Whatever is made of it passes once along x, so factors of all of it sit in the taps of x:
+  /// its weight and channel_weight, and what else the penalty has in rows of its own.
+  struct Component {
+    std::vector<Rows> rows;             ///< by axis
+    AxisTaps<T> zeroth_gram;            ///< rows[0].value, of order 0
+    AxisTaps<T> first_gram, curvature;  ///< rows[0].value and rows[0].curvature, of order 1
+  };
   /// A field and where it is worth anything.
   struct Part {
     const T* values;
     BlockMask<Dim> at;
   };
-  Part smooth_axes_above(const Component& rows, int axis, Part part);
+  Part smooth_axes_above(const Component& component, int axis, Part part);
+  void smooth(bool is_gram, const T* in, T* out);
+  T* scratch(int k);
   BlockMask<Dim> reach(const BlockMask<Dim>& mask, int axis) const { return mask.dilated(axis, radius_[axis]); }
 
   MomentumScaleOptions<Dim> options_;
@@ -114,8 +124,8 @@ class MomentumScale {
   std::vector<Component> components_;
   std::array<double, Dim> curvature_at_zero_;
   std::unique_ptr<OrientedMomenta<Dim, T>> oriented_;
-  std::array<int, Dim> radius_{};  ///< of the longest row of taps along each axis
-  std::vector<T> scratch_[4];      ///< the last one only where several components add up
+  std::array<int, Dim> radius_{};    ///< of the longest row of taps along each axis
+  std::array<Field<T>, 4> scratch_;  ///< made when they are needed, see scratch()
 };
 
 }  // namespace saltus

@@ -69,27 +69,33 @@ Evaluation MatchingObjective<Dim, T>::evaluate(const std::vector<T>& x, std::vec
   polls_ = 0;
   if (on_work_) on_work_(0);
   const std::vector<MomentumPointers<T>> momenta = set_.evaluated(x);
-  std::fill(gradient.begin(), gradient.end(), T(0));
-  std::fill(preconditioned.begin(), preconditioned.end(), T(0));
   const std::vector<MomentumTargets<T>> gradients = set_.targets(gradient), scaled = set_.dense_targets(preconditioned);
 
-  // The penalty's gradient is a V K m, so its preconditioned form is m itself.
+  // The penalty's gradient is a V K m, so its preconditioned form is m itself. Where there is order 0 alone it is V
+  // times the velocity that shooting begins with.
   parts_ = {};
   const ActiveBlocks<Dim> blocks = set_.blocks();
   for (std::size_t s = 0; s < scales_.size(); ++s) {
-    MomentumMasks<Dim> at = scales_[s]->everywhere(), wanted = at;
+    const Lattice<Dim>& lattice = scales_[s]->lattice();
     if (scales_[s]->has_first_order()) {
-      at.first = masks_of<Dim>(scales_[s]->lattice(), blocks.momenta[s]);
-      wanted.first = masks_of<Dim>(scales_[s]->lattice(), blocks.wanted[s]);
+      MomentumMasks<Dim> at = scales_[s]->everywhere(), wanted = at;
+      at.first = masks_of<Dim>(lattice, blocks.momenta[s]);
+      wanted.first = masks_of<Dim>(lattice, blocks.wanted[s]);
+      parts_.regularisation +=
+          scales_[s]->penalty(momenta[s].zeroth, momenta[s].first, at, wanted, gradients[s].zeroth, gradients[s].first);
     }
-    parts_.regularisation +=
-        scales_[s]->penalty(momenta[s].zeroth, momenta[s].first, at, wanted, gradients[s].zeroth, gradients[s].first);
-    if (momenta[s].zeroth) std::copy_n(momenta[s].zeroth, scales_[s]->field_size(), scaled[s].zeroth);
-    if (OrientedMomenta<Dim, T>* oriented = scales_[s]->oriented())
+    if (const T* zeroth = momenta[s].zeroth)
+      BlockMask<Dim>::all(lattice).for_runs(lattice, [&](std::size_t begin, std::size_t count) {
+        std::copy_n(zeroth + Dim * begin, Dim * count, scaled[s].zeroth + Dim * begin);
+      });
+    if (OrientedMomenta<Dim, T>* oriented = scales_[s]->oriented()) {
+      std::fill_n(gradients[s].oriented, oriented->kComponents * momenta[s].elements->size(), T(0));
       parts_.regularisation += oriented->penalty(*momenta[s].elements, momenta[s].oriented, gradients[s].oriented);
+    }
   }
-
-  shooting_.shoot(momenta, blocks);
+  shooting_.shoot(momenta, blocks, [&](std::size_t s, const T* velocity) {
+    parts_.regularisation += scales_[s]->penalty_of_velocity(momenta[s].zeroth, velocity, gradients[s].zeroth);
+  });
   const Displacement<Dim, T> displacement = on_level(map_.follow(shooting_.velocities()));
   const bool moving_weights = !level_.moving_weights.samples.empty();
   warp_level<Dim, T>(level_, displacement, warped_, weights_);
@@ -107,7 +113,7 @@ Evaluation MatchingObjective<Dim, T>::evaluate(const std::vector<T>& x, std::vec
       weight_dual_[i] *= weight * (level_.fixed_weights.empty() ? T(1) : level_.fixed_weights[i]);
     duals.push_back({&level_.moving_weights, weight_dual_.data()});
   }
-  for (Field<T>& dual : velocity_duals_) std::fill(dual.begin(), dual.end(), T(0));
+  for (Field<T>& dual : velocity_duals_) BlockMask<Dim>::all(flow_).clear(flow_, Dim, dual.data());
   if (level_.divergence_weight > 0)
     for (int k = 0, last = shooting_.nodes() - 1; k <= last; ++k) {
       const double share = (k == 0 || k == last ? 0.5 : 1.0) / last;  // trapezoidal rule
@@ -144,11 +150,18 @@ bool MatchingObjective<Dim, T>::noise_gradient(const std::vector<T>& x, std::vec
   similarity_->evaluate(level_.fixed.data(), noisy.data(), weights_.empty() ? nullptr : weights_.data(), dual.data(),
                         nullptr);
   for (std::size_t i = 0; i < dual.size(); ++i) dual[i] = weight * dual[i] - image_dual_[i];
+  const std::vector<MomentumPointers<T>> momenta = set_.evaluated(x);
   std::fill(gradient.begin(), gradient.end(), T(0));
   std::fill(preconditioned.begin(), preconditioned.end(), T(0));
-  for (Field<T>& velocity_dual : velocity_duals_) std::fill(velocity_dual.begin(), velocity_dual.end(), T(0));
-  pull_back({{&level_.moving, dual.data()}}, on_level(map_.follow(shooting_.velocities())), set_.evaluated(x),
-            set_.targets(gradient), set_.dense_targets(preconditioned));
+  const std::vector<MomentumTargets<T>> gradients = set_.targets(gradient);
+  for (std::size_t s = 0; s < scales_.size(); ++s) {  // first orders may be gathered elsewhere
+    if (gradients[s].first) std::fill_n(gradients[s].first, Dim * scales_[s]->field_size(), T(0));
+    if (OrientedMomenta<Dim, T>* oriented = scales_[s]->oriented())
+      std::fill_n(gradients[s].oriented, oriented->kComponents * momenta[s].elements->size(), T(0));
+  }
+  for (Field<T>& velocity_dual : velocity_duals_) BlockMask<Dim>::all(flow_).clear(flow_, Dim, velocity_dual.data());
+  pull_back({{&level_.moving, dual.data()}}, on_level(map_.follow(shooting_.velocities())), momenta, gradients,
+            set_.dense_targets(preconditioned));
   set_.finish_gradient(gradient);
   return true;
 }

@@ -56,7 +56,10 @@ std::size_t memory_estimate(const ImageGrid<Dim>& fixed, const ImageGrid<Dim>& m
       unknowns += Dim * sites;
       dense += Dim * sites;
       add_lattice(placed);
-      bytes += sites * (m.kernel_widths.size() > 1 ? 6 : 5) * vector;  // momentum, velocity, those of the passes
+      // Its momentum; one for the passes of a sum of widths; the velocity where another scale's is on the lattice
+      // before.
+      const bool adds_velocity = placed > q && is_first_at(placed);
+      bytes += sites * (1 + (m.kernel_widths.size() > 1 ? 1 : 0) + (adds_velocity ? 1 : 0)) * vector;
     }
     for (int q = m.first_order_finest_scale; is_first_at(q); ++q) {
       const double sites = sites_of(q);

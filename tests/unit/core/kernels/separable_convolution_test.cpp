@@ -4,6 +4,7 @@
 #include <gtest/gtest.h>
 #include <omp.h>
 
+#include <algorithm>
 #include <cmath>
 #include <limits>
 
@@ -189,6 +190,58 @@ TYPED_TEST(SeparableConvolution, GivesTheSameBitsForAnyNumberOfThreads) {
       }
       EXPECT_EQ(results[0], results[1]) << "along " << axis;
     }
+}
+
+// Oracle: the same into another field.
+TYPED_TEST(SeparableConvolution, MayReplaceAFieldByItself) {
+  const Lattice<3> lattice{{37, 23, 19}, {1, 1, 1}, {}};
+  const std::vector<double> values = testing::random_values(3 * lattice.sites(), 7);
+  const testing::ManyThreads many;
+  for (int threads : {1, 2})
+    for (Shape shape : {Shape::Even, Shape::Odd, Shape::OddAfter, Shape::OddBefore})
+      for (int axis = 0; axis < 3; ++axis) {
+        omp_set_num_threads(threads);
+        const AxisTaps<TypeParam> row(random_row(8, shape));
+        std::vector<TypeParam> in(values.begin(), values.end()), out(in.size());
+        convolve_axis<3, TypeParam>(lattice, 3, axis, row, Combine::Replace, in.data(), out.data());
+        convolve_axis<3, TypeParam>(lattice, 3, axis, row, Combine::Replace, in.data(), in.data());
+        EXPECT_EQ(in, out) << "along " << axis << ", " << threads << " threads";
+      }
+}
+
+// Oracle: one axis after the other. Planes by themselves and several together, fewer planes than threads, and a field
+// that is too large for the caches.
+TYPED_TEST(SeparableConvolution, MakesOfPlanesTheBitsOfTwoPasses) {
+  const testing::ManyThreads many;
+  for (const Index<3>& size : {Index<3>{37, 23, 19}, {20, 16, 5}, {33, 50, 2}, {5, 7, 1}, {97, 101, 43}})
+    for (int channels : {1, 3})
+      for (Combine combine : {Combine::Replace, Combine::Add})
+        for (Shape shape : {Shape::Even, Shape::Any, Shape::OddBefore}) {
+          Lattice<3> lattice;
+          lattice.size = size;
+          const std::size_t count = lattice.sites() * static_cast<std::size_t>(channels);
+          const AxisTaps<TypeParam> along_y(random_row(6, shape)), along_x(random_row(9, shape));
+          const auto values = [&](std::uint64_t seed) {
+            std::vector<double> made = testing::random_values(count, seed);
+            std::fill_n(made.begin(), count / 3, 0.0);  // what is 0 is passed over
+            return std::vector<TypeParam>(made.begin(), made.end());
+          };
+          const std::vector<TypeParam> in = values(1), before = values(2);
+          std::vector<TypeParam> between(count), expected = before;
+          convolve_axis<3, TypeParam>(lattice, channels, 1, along_y, Combine::Replace, in.data(), between.data());
+          convolve_axis<3, TypeParam>(lattice, channels, 0, along_x, combine, between.data(), expected.data());
+          for (int threads : {1, 2, 3}) {
+            SCOPED_TRACE(threads);
+            omp_set_num_threads(threads);
+            std::vector<TypeParam> out = before;
+            convolve_planes<TypeParam>(lattice, channels, along_y, along_x, combine, in.data(), out.data());
+            EXPECT_TRUE(out == expected) << "height " << size[1] << ", " << channels << " channels";
+            if (combine == Combine::Add) continue;
+            out = in;
+            convolve_planes<TypeParam>(lattice, channels, along_y, along_x, combine, out.data(), out.data());
+            EXPECT_TRUE(out == expected) << "in place, height " << size[1] << ", " << channels << " channels";
+          }
+        }
 }
 
 // Far from everything that is not zero nothing is left, not even a rounding error; and what an ill number does stays

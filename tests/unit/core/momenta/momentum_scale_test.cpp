@@ -172,6 +172,30 @@ void expect_penalty(const MomentumScaleOptions<Dim>& made) {
   EXPECT_NEAR(dot(zeroth, along.zeroth) + dot(first, along.first), slope, 1e-11 * expected);
 }
 
+// Oracle: the penalty of the momenta themselves.
+template <int Dim>
+void expect_penalty_of_velocity(const MomentumScaleOptions<Dim>& made) {
+  MomentumScale<Dim, double> scale(made);
+  const Momenta<Dim> m(scale, 7);
+  const std::size_t field = scale.field_size();
+  std::vector<double> velocity(field), gradient(field), expected(field);
+  const double penalty = scale.penalty(m.zeroth.data(), nullptr, expected.data(), nullptr);
+  scale.synthesise(m.zeroth.data(), nullptr, velocity.data());
+  EXPECT_NEAR(scale.penalty_of_velocity(m.zeroth.data(), velocity.data(), gradient.data()), penalty, 1e-13 * penalty);
+  double largest = 0;
+  for (double value : expected) largest = std::max(largest, std::abs(value));
+  for (std::size_t i = 0; i < field; ++i) ASSERT_NEAR(gradient[i], expected[i], 1e-14 * largest) << i;
+}
+
+TEST_P(MomentumScaleTest, FindsThePenaltyOfOrderZeroInItsVelocity) {
+  if (GetParam().orders == Orders::First) return;  // there is no order 0
+  MomentumScaleOptions<2> plane = made<2>();
+  MomentumScaleOptions<3> space = made<3>();
+  plane.orders = space.orders = Orders::Zeroth;
+  expect_penalty_of_velocity<2>(plane);
+  expect_penalty_of_velocity<3>(space);
+}
+
 TEST_P(MomentumScaleTest, PenalisesTheQuadraticFormOfEachOrder) {
   expect_penalty<2>(made<2>());
   expect_penalty<3>(made<3>());

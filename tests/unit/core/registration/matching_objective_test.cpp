@@ -4,7 +4,13 @@
 #include <gtest/gtest.h>
 #include <omp.h>
 
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
 #include "core/flow/divergence_penalty.h"
+#include "core/kernels/kernel_profile.h"
+#include "core/momenta/spread_normals.h"
 #include "core/registration/scales.h"
 #include "tests/support/random_fields.h"
 
@@ -62,6 +68,115 @@ TEST(MatchingObjective, TakesTheDivergencePenaltyOverTimeByTheTrapezoidalRule) {
       EXPECT_GT(expected, 0.01 * regularisation[0]);
       EXPECT_NEAR(regularisation[1] - regularisation[0], expected, 1e-9 * expected);
     }
+  }
+}
+
+/// Scales with order 0, order 1 and both, alone on a lattice and beside others.
+std::vector<std::unique_ptr<MomentumScale<2, double>>> mixed_scales(const Lattice<2>& lattice) {
+  std::vector<std::unique_ptr<MomentumScale<2, double>>> scales;
+  const auto add = [&](Orders orders, double width, const Lattice<2>& on, double weight) {
+    MomentumScaleOptions<2> made;
+    made.kernel = KernelSum(has_first(orders) ? make_wendland_profile(width) : make_gaussian_profile(width));
+    made.lattice = on;
+    made.orders = orders;
+    made.zeroth_weight = weight;
+    made.first_weight = 0.7;
+    if (orders == Orders::First) made.normals = spread_normals<2>(8);
+    scales.push_back(std::make_unique<MomentumScale<2, double>>(made));
+  };
+  add(Orders::Zeroth, 6, coarsened(lattice, 2), 1.5);
+  add(Orders::First, 4, coarsened(lattice, 2), 1);
+  add(Orders::First, 5, lattice, 1);  // before the first order 0 of its lattice
+  add(Orders::Zeroth, 3, lattice, 2);
+  add(Orders::Zeroth, 5, lattice, 0.4);
+  add(Orders::ZerothAndFirst, 4, lattice, 1.1);
+  return scales;
+}
+
+// Oracle: each scale's own penalty. Without images there is nothing else in the energy. Nothing of what was in the
+// gradient before is left.
+TEST(MatchingObjective, PenalisesEveryScale) {
+  omp_set_num_threads(1);
+  MatchingLevel<2, double> level = waves();
+  level.similarity_weight = 0;
+  const auto scales = mixed_scales(level.lattice);
+  std::vector<MomentumScale<2, double>*> all;
+  for (const auto& scale : scales) all.push_back(scale.get());
+  const RegistrationOptions options = default_options(Model::Gaussian, SimilarityType::Ssd, Preset::Balanced);
+  MatchingObjective<2, double> objective(
+      all, level, make_similarity<2, double>(SimilarityType::Ssd, level.lattice, options.similarity_parameters, 1.0),
+      0.0);
+  const std::vector<double> x = testing::random_values(objective.size(), 5, 0.01);
+  std::vector<double> gradient(x.size(), std::numeric_limits<double>::quiet_NaN());
+  std::vector<double> preconditioned(objective.working_set().dense_size(), std::numeric_limits<double>::quiet_NaN());
+  for (int again : {0, 1}) {
+    SCOPED_TRACE(again);
+    ASSERT_TRUE(objective.evaluate(x, gradient, preconditioned).is_valid);
+    double penalty = 0;
+    std::size_t at = 0, dense_at = 0;  // no blocks are left out, and there are no elements
+    for (MomentumScale<2, double>* scale : all) {
+      const std::size_t field = scale->field_size(), zeroth = has_zeroth(scale->options().orders) ? field : 0,
+                        first = scale->has_first_order() ? 2 * field : 0;
+      std::vector<double> expected(zeroth + first);
+      penalty += scale->penalty(zeroth ? x.data() + at : nullptr, first ? x.data() + at + zeroth : nullptr,
+                                expected.data(), expected.data() + zeroth);
+      double largest = 0;
+      for (double value : expected) largest = std::max(largest, std::abs(value));
+      EXPECT_GT(largest, 0);
+      for (std::size_t i = 0; i < expected.size(); ++i)
+        ASSERT_NEAR(gradient[at + i], expected[i], 1e-13 * largest) << i;
+      for (std::size_t i = 0; i < zeroth; ++i) ASSERT_EQ(preconditioned[dense_at + i], x[at + i]) << i;
+      at += expected.size();
+      dense_at += zeroth;
+    }
+    EXPECT_EQ(at, x.size());
+    EXPECT_NEAR(objective.parts().regularisation, penalty, 1e-13 * penalty);
+  }
+}
+
+// Oracle: each scale's own synthesis, brought to one lattice. Nothing of an earlier shot is left.
+TEST(MatchingObjective, BeginsWithTheVelocityOfEveryScale) {
+  omp_set_num_threads(1);
+  const Lattice<2> lattice = waves().lattice;
+  const auto scales = mixed_scales(lattice);
+  std::vector<MomentumScale<2, double>*> all;
+  for (const auto& scale : scales) all.push_back(scale.get());
+  GeodesicShooting<2, double> shooting(all, lattice, 2, Evolution::Carried);
+  for (std::uint64_t seed : {3, 4}) {
+    Field<double> expected(2 * lattice.sites());
+    std::vector<std::vector<double>> made;
+    std::vector<MomentumPointers<double>> momenta;
+    std::vector<Field<double>> own;
+    for (MomentumScale<2, double>* scale : all) {
+      const std::size_t field = scale->field_size();
+      made.push_back(testing::random_values(3 * field, seed + made.size(), 0.1));
+      MomentumPointers<double> pointers;
+      if (has_zeroth(scale->options().orders)) pointers.zeroth = made.back().data();
+      if (scale->has_first_order()) pointers.first = made.back().data() + field;
+      momenta.push_back(pointers);
+      own.emplace_back(field);
+      scale->synthesise(pointers.zeroth, pointers.first, own.back().data());
+    }
+    // An element of each scale that has oriented momenta: not of a scale's own velocity.
+    const std::vector<std::uint32_t> elements = {static_cast<std::uint32_t>(lattice.size[0] + 3)};
+    const double strength = 0.5;
+    for (std::size_t s = 0; s < all.size(); ++s)
+      if (OrientedMomenta<2, double>* oriented = all[s]->oriented()) {
+        momenta[s].elements = &elements;
+        momenta[s].oriented = &strength;
+        std::vector<double> corners;
+        oriented->place(elements, corners);
+        oriented->add_velocity(elements, corners.data(), &strength, own[s].data());
+      }
+    for (std::size_t s = 0; s < all.size(); ++s)
+      LatticeInterpolation<2, double>(all[s]->lattice(), lattice, 2).add_to(own[s].data(), expected.data());
+    std::vector<std::size_t> told;
+    shooting.shoot(momenta, {}, [&](std::size_t s, const double* velocity) {
+      told.push_back(s);
+      for (std::size_t i = 0; i < own[s].size(); ++i) ASSERT_EQ(velocity[i], own[s][i]) << "scale " << s << " at " << i;
+    });
+    EXPECT_EQ(told, (std::vector<std::size_t>{0, 3, 4}));
+    for (std::size_t i = 0; i < expected.size(); ++i) ASSERT_NEAR(shooting.velocities()[0][i], expected[i], 1e-12) << i;
   }
 }
 

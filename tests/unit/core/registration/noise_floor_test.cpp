@@ -49,12 +49,11 @@ TEST(NoiseGradient, IsWhatNoiseChangesOfTheGradient) {
       options.momenta.width_voxels = 4;
       options.momenta.scales = 1;
       options.momenta.finest_scale = 0;
-      options.momenta.sparsity = 0;
       auto placed = make_scales<2, double>(level.lattice, resolved(options, level.lattice), {});
       const auto similarity = [&] {
         return make_similarity<2, double>(type, level.lattice, options.similarity_parameters, 1.0);
       };
-      MatchingObjective<2, double> clean({placed[0].scale.get()}, level, similarity(), 0.0);
+      MatchingObjective<2, double> clean({placed[0].scale.get()}, level, similarity(), sparsity);
       MatchingObjective<2, double> noisy({placed[0].scale.get()}, level,
                                          std::make_unique<Noisy>(similarity(), level.lattice.sites(), level.noise),
                                          0.0);
