@@ -321,13 +321,14 @@ void PyramidRun<Dim>::settle_beyond_noise() {
 }
 
 /// After order 0 has come to its end alone: whether first orders would gain enough. If they seem to where order 0 was
-/// left to noise, it has to settle first: what it has not pulls at them as well. Where they are, they begin as they
-/// would have without that look: after order 0, or together with it from where the level began.
+/// left to noise, it has to settle before that is believed: what it has not pulls at them as well. Where they are, they
+/// begin as they would have without that look: after order 0, or together with it from where the level began.
 template <int Dim>
 bool PyramidRun<Dim>::first_orders_are_worth_it() {
   std::vector<Scalar>& momenta = reached_.minimiser.x;
   FirstOrderPromise promise = ask_first_orders();
   if (is_enough(promise, levels_[step_]) && level_.termination == Termination::NoiseFloor) {
+    if (options_.momenta.first_order_waits) reached_.level_start = momenta;  // order 0 has not fitted noise there
     settle_beyond_noise();
     if (level_.termination == Termination::Stopped) return false;
     promise = ask_first_orders();
@@ -335,7 +336,7 @@ bool PyramidRun<Dim>::first_orders_are_worth_it() {
   const bool is_worth_it = is_enough(promise, levels_[step_]);
   if (!is_worth_it)
     make_objective(rounds_[0]);
-  else if (!options_.momenta.first_order_waits)
+  else if (!reached_.level_start.empty())
     momenta = std::move(reached_.level_start);
   reached_.level_start.clear();
   if (is_worth_it) begin_beside_first_orders();

@@ -2,6 +2,8 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <cmath>
+
 #include "core/evaluation/field_error.h"
 #include "core/phantom/make_phantom.h"
 #include "core/registration/register_images.h"
@@ -51,15 +53,35 @@ TEST_P(Auto, LeavesFirstOrdersOutWhereNothingSlides) {
 }
 
 TEST_P(Auto, LetsFirstOrdersInWhereSomethingSlides) {
-  for (PhantomKind kind : {PhantomKind::Slip, PhantomKind::Rectangle}) {
-    if (kind == PhantomKind::Rectangle && GetParam() != SimilarityType::Ssd) continue;  // flat: nothing to correlate
-    const Phantom<2> phantom = make_phantom<2>(default_phantom_options(kind));
-    const Outcome found = outcome_of(phantom, default_options(Model::Auto, GetParam(), Preset::Balanced));
-    const Outcome full = outcome_of(phantom, default_options(Model::Sliding, GetParam(), Preset::Balanced));
-    EXPECT_EQ(found.decision, FirstOrderDecision::LetIn);
-    EXPECT_TRUE(found.has_first_order_momenta);
-    EXPECT_LT(found.error_mm, 1.02 * full.error_mm);
-  }
+  const Phantom<2> phantom = make_phantom<2>(default_phantom_options(PhantomKind::Slip));
+  const Outcome found = outcome_of(phantom, default_options(Model::Auto, GetParam(), Preset::Balanced));
+  const Outcome full = outcome_of(phantom, default_options(Model::Sliding, GetParam(), Preset::Balanced));
+  EXPECT_EQ(found.decision, FirstOrderDecision::LetIn);
+  EXPECT_TRUE(found.has_first_order_momenta);
+  EXPECT_LT(found.error_mm, 1.02 * full.error_mm);
+}
+
+// Flat images say nothing of motion but at their edges: a change of the weights in the seventh digit moves either error
+// by a tenth. So runs beside each other are compared, and what chance makes of their mean is allowed for.
+TEST(AutoModel, LosesNothingOnThePapersRectangle) {
+  const Phantom<2> phantom = make_phantom<2>(default_phantom_options(PhantomKind::Rectangle));
+  constexpr int runs = 8;
+  double sum[2] = {}, squares[2] = {};
+  for (int run = 0; run < runs; ++run)
+    for (int k : {0, 1}) {
+      RegistrationOptions options =
+          default_options(k == 0 ? Model::Auto : Model::Sliding, SimilarityType::Ssd, Preset::Balanced);
+      options.momenta.regularisation = 3e-6 * (1 + 1e-4 * run);
+      const Outcome found = outcome_of(phantom, options);
+      if (k == 0) EXPECT_EQ(found.decision, FirstOrderDecision::LetIn);
+      EXPECT_TRUE(found.has_first_order_momenta);
+      sum[k] += found.error_mm;
+      squares[k] += found.error_mm * found.error_mm;
+    }
+  double variance_of_mean = 0;
+  for (int k : {0, 1}) variance_of_mean += (squares[k] / runs - sum[k] / runs * sum[k] / runs) / (runs - 1);
+  EXPECT_LT(sum[0] / runs, 1.02 * sum[1] / runs + 2 * std::sqrt(variance_of_mean));
+  EXPECT_LT(std::sqrt(variance_of_mean), 0.1 * sum[1] / runs);
 }
 
 // At 30 degrees without noise the m_i of each axis are pulled along themselves as much as across: only what both say

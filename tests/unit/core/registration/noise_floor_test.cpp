@@ -53,10 +53,10 @@ TEST(NoiseGradient, IsWhatNoiseChangesOfTheGradient) {
       const auto similarity = [&] {
         return make_similarity<2, double>(type, level.lattice, options.similarity_parameters, 1.0);
       };
-      MatchingObjective<2, double> clean({placed[0].scale.get()}, level, similarity(), sparsity);
+      MatchingObjective<2, double> clean({placed[0].scale.get()}, level, similarity(), 1e-3);
       MatchingObjective<2, double> noisy({placed[0].scale.get()}, level,
                                          std::make_unique<Noisy>(similarity(), level.lattice.sites(), level.noise),
-                                         0.0);
+                                         1e-3);
       const std::size_t size = clean.size();
       const std::vector<double> x = testing::random_values(size, 5, model == Model::Gaussian ? 0.1 : 1e-9);
       std::vector<double> found(size), found_p(size), with(size), with_p(size), without(size), without_p(size);
