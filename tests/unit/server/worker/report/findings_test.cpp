@@ -88,7 +88,10 @@ TEST(Findings, TellThatTheMotionLeavesTheMovingImage) {
 
 TEST(Findings, TellHowLevelsEnded) {
   ReportScene<2> scene(3);
-  EXPECT_THAT(findings_of(scene), Contains(finding(Verdict::Good, "Every level came to its end")));
+  for (Termination own : {Termination::Converged, Termination::Settled, Termination::NoiseFloor}) {
+    scene.result.summary.levels[0].termination = own;
+    EXPECT_THAT(findings_of(scene), Contains(finding(Verdict::Good, "Every level came to its end"))) << to_string(own);
+  }
   scene.result.summary.levels[0].termination = Termination::IterationLimit;
   EXPECT_THAT(findings_of(scene), Contains(finding(Verdict::Look, "level 1 (iteration limit)")));
 }
