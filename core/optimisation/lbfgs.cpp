@@ -35,6 +35,15 @@ void add_scaled(double factor, const std::vector<T>& terms, std::vector<T>& sum)
   add_scaled(factor, sum.size(), terms.data(), sum.data());
 }
 
+/// direction = start + step direction
+template <class T>
+void walk(const std::vector<T>& start, double step, std::vector<T>& direction) {
+  const T f = static_cast<T>(step);
+  const std::size_t count = direction.size();
+#pragma omp parallel for simd schedule(static) if (is_worth_threads(count))
+  for (std::size_t i = 0; i < count; ++i) direction[i] = start[i] + f * direction[i];
+}
+
 template <class T>
 void scale_by(T factor, std::vector<T>& values) {
   const std::size_t count = values.size();
@@ -166,16 +175,15 @@ class Preconditioner {
   std::size_t dense_size_ = 0;
 };
 
-/// direction = -H pseudo-gradient by the two-loop recursion, with H_0 the scaled preconditioner. `remainder` is
-/// scratch.
+/// direction = -H pseudo-gradient by the two-loop recursion, with H_0 the scaled preconditioner. `remainder` is the
+/// pseudo-gradient, which is used up.
 template <class T>
 void quasi_newton_direction(const Preconditioner& preconditioner, const std::deque<CurvaturePair<T>>& pairs,
-                            const std::vector<T>& gradient, const std::vector<T>& preconditioned,
-                            std::vector<T>& remainder, std::vector<T>& direction) {
+                            const std::vector<T>& preconditioned, std::vector<T>& remainder,
+                            std::vector<T>& direction) {
   std::vector<double> alpha(pairs.size());
-  remainder = gradient;
-  direction.assign(gradient.size(), T(0));
-  preconditioner.add(1, gradient, preconditioned, direction);
+  direction.assign(remainder.size(), T(0));
+  preconditioner.add(1, remainder, preconditioned, direction);
   for (std::size_t k = pairs.size(); k-- > 0;) {
     alpha[k] = pairs[k].rho * dot(pairs[k].s, remainder);
     add_scaled(-alpha[k], pairs[k].y, remainder);
@@ -229,13 +237,16 @@ MinimiseSummary minimise(Objective<T>& objective, const MinimiseOptions& options
                          const std::function<bool(const MinimiseStep&)>& accepted) {
   const std::vector<GroupSparsity>& ranges = objective.sparsity();
   Preconditioner preconditioner(ranges, objective.size());
-  std::vector<T> next_gradient, next_preconditioned, direction, candidate, least;
+  // Beside the state's vectors there are these alone. `next_gradient` is the pseudo-gradient until the next point is
+  // evaluated, and used up on the way to a direction; `candidate` is first the direction, then the point it leads to.
+  // A step that was too long has them made again, which hardly shows: most steps are taken at the first trial.
+  std::vector<T> next_gradient, next_preconditioned, candidate;
   // Exactly as large as the objective wants: what it dropped must not stay allocated.
   const auto fit = [&] {
     preconditioner = Preconditioner(ranges, objective.size());
     next_gradient = std::vector<T>(objective.size());
     next_preconditioned = std::vector<T>(preconditioner.dense_size());
-    for (std::vector<T>* values : {&direction, &candidate, &least}) *values = {};
+    candidate = {};
   };
   const std::deque<CurvaturePair<T>> no_pairs;
 
@@ -263,9 +274,14 @@ MinimiseSummary minimise(Objective<T>& objective, const MinimiseOptions& options
   const auto is_due = [&](int iteration) {
     return !objective.has_more() || static_cast<long long>(iteration) - state.looked_at >= state.look_gap;
   };
+  // A vector that changes its length is there twice for a while, and `candidate` is not needed then.
+  const auto revise = [&] {
+    if (!ranges.empty()) candidate = {};
+    return objective.revise(state);
+  };
   // The last evaluation looked everywhere, at state.x: lets in what wants to take part.
   const auto revise_after_look = [&](int iteration) {
-    const Revision revision = objective.revise(state);
+    const Revision revision = revise();
     state.looked_at = iteration;
     const bool is_more = revision.joined > kLeastJoined;
     state.look_gap = is_more ? kFirstLookGap : 2 * std::clamp(state.look_gap, kFirstLookGap, kLargestLookGap / 2);
@@ -308,11 +324,12 @@ MinimiseSummary minimise(Objective<T>& objective, const MinimiseOptions& options
   for (;;) {
     const int done = state.iterations();
     const double energy = state.energies.back();
-    if (!ranges.empty()) {
-      least = state.gradient;
-      make_pseudo(ranges, state.x, least);
-    }
-    const std::vector<T>& pseudo = ranges.empty() ? state.gradient : least;
+    const auto find_pseudo = [&] {
+      next_gradient = state.gradient;
+      make_pseudo(ranges, state.x, next_gradient);
+    };
+    find_pseudo();
+    const std::vector<T>& pseudo = ranges.empty() ? state.gradient : next_gradient;
     const double optimality = std::sqrt(std::max(0.0, preconditioner.dot(pseudo, pseudo, state.preconditioned)));
     if (done == 0) state.first_optimality = optimality;
     const double reference = options.optimality_reference > 0 ? options.optimality_reference : state.first_optimality;
@@ -345,7 +362,7 @@ MinimiseSummary minimise(Objective<T>& objective, const MinimiseOptions& options
 
     const bool is_look = is_due(done + 1);
     objective.look_everywhere(is_look);
-    bool found = false, has_forgotten = false;
+    bool found = false, has_forgotten = false, is_used = false;  // what next_gradient is at the top
     double next_energy = 0, next_sparse = 0;
     for (int attempt = 0; attempt < 2 && !found; ++attempt) {
       if (attempt == 1) {
@@ -353,18 +370,24 @@ MinimiseSummary minimise(Objective<T>& objective, const MinimiseOptions& options
         has_forgotten = true;  // the model of the curvature was wrong: start again from steepest descent
       }
       const std::deque<CurvaturePair<T>>& pairs = has_forgotten ? no_pairs : state.pairs;
-      quasi_newton_direction(preconditioner, pairs, pseudo, state.preconditioned, candidate, direction);
-      align(ranges, state.x, pseudo, direction);
-      if (!(dot(pseudo, direction) < 0)) continue;
-      step = pairs.empty() ? objective.first_step(direction) : 1.0;
+      const auto find_direction = [&] {
+        if (is_used) find_pseudo();
+        quasi_newton_direction(preconditioner, pairs, state.preconditioned, next_gradient, candidate);
+        if (!ranges.empty()) find_pseudo();
+        align(ranges, state.x, pseudo, candidate);
+        is_used = true;
+      };
+      find_direction();
+      if (!(dot(pseudo, candidate) < 0)) continue;
+      step = pairs.empty() ? objective.first_step(candidate) : 1.0;
       for (int trial = 0; trial < options.max_line_search; ++trial) {
-        candidate = state.x;
-        add_scaled(step, direction, candidate);
+        if (trial > 0) find_direction();
+        walk(state.x, step, candidate);
         project(ranges, state.x, pseudo, candidate);
-        const Evaluation evaluation = total(candidate, next_gradient, next_preconditioned, next_sparse);
         const double expected = ordered_sum(candidate.size(), [&](std::size_t i) {
           return static_cast<double>(pseudo[i]) * (static_cast<double>(candidate[i]) - state.x[i]);
         });
+        const Evaluation evaluation = total(candidate, next_gradient, next_preconditioned, next_sparse);
         if (evaluation.is_valid && evaluation.value < energy && evaluation.value <= energy + 1e-4 * expected) {
           next_energy = evaluation.value;
           found = true;
@@ -385,34 +408,29 @@ MinimiseSummary minimise(Objective<T>& objective, const MinimiseOptions& options
     }
 
     // The state moves on to the new point, and the vectors of the old one become the changes.
-    CurvaturePair<T> pair;
-    for (const auto& [now, before, change] :
-         {std::tie(candidate, state.x, pair.s), std::tie(next_gradient, state.gradient, pair.y),
-          std::tie(next_preconditioned, state.preconditioned, pair.y_preconditioned)}) {
-      change = std::move(before);
-      make_change(now, change);
-      before = std::move(now);
+    for (const auto& [now, before] : {std::tie(candidate, state.x), std::tie(next_gradient, state.gradient),
+                                      std::tie(next_preconditioned, state.preconditioned)}) {
+      make_change(now, before);
+      std::swap(now, before);
     }
     if (has_forgotten) state.pairs.clear();
-    const double curvature = dot(pair.s, pair.y), size = preconditioner.dot(pair.y, pair.y, pair.y_preconditioned);
+    const double curvature = dot(candidate, next_gradient);
+    const double size = preconditioner.dot(next_gradient, next_gradient, next_preconditioned);
     if (curvature > 1e-8 * std::abs(size) && size > 0) {
-      pair.rho = 1 / curvature;
-      state.pairs.push_back(std::move(pair));
-      pair = {};
-      if (static_cast<int>(state.pairs.size()) > options.history) {
+      CurvaturePair<T> pair;
+      if (static_cast<int>(state.pairs.size()) >= options.history) {
         pair = std::move(state.pairs.front());
         state.pairs.pop_front();
       }
+      pair.s = candidate;
+      pair.y = next_gradient;
+      pair.y_preconditioned = next_preconditioned;
+      pair.rho = 1 / curvature;
+      state.pairs.push_back(std::move(pair));
     }
-    // Those of a pair that is not kept, or of the one that it drove out, take the next step.
-    candidate = std::move(pair.s);
-    next_gradient = std::move(pair.y);
-    next_preconditioned = std::move(pair.y_preconditioned);
-    next_gradient.resize(state.gradient.size());
-    next_preconditioned.resize(state.preconditioned.size());
     state.energies.push_back(next_energy);
     sparse = next_sparse;
-    const Revision revision = is_look ? revise_after_look(done + 1) : objective.revise(state);
+    const Revision revision = is_look ? revise_after_look(done + 1) : revise();
     if (revision.has_changed) fit();
     is_told = false;
   }
