@@ -13,7 +13,7 @@ class BackwardMap {
  public:
   BackwardMap(const Lattice<Dim>& points, const Lattice<Dim>& velocity_lattice, int time_steps);
 
-  /// psi(x) - x, mm, interleaved.
+  /// psi(x) - x, mm, interleaved. Valid until the next call.
   const Field<T>& follow(const std::vector<Field<T>>& velocities);
 
   /// Adjoint of the last follow: adds to velocity_duals what `dual` of psi(x) - x (modified) makes of the velocities.
@@ -22,8 +22,9 @@ class BackwardMap {
  private:
   Lattice<Dim> points_, lattice_;
   int time_steps_;
-  std::vector<Field<T>> position_;       ///< displacement at node k; [time_steps] is empty, meaning 0
-  Field<T> predicted_, predicted_dual_;  ///< of the adjoint; sized once
+  /// Displacement at node k; [time_steps] is empty, meaning 0, and [0], which nothing follows on, serves the adjoint.
+  std::vector<Field<T>> position_;
+  Field<T> predicted_dual_;  ///< of the adjoint; sized once
 };
 
 /// What BackwardMap::follow gives, where no adjoint is wanted: one field and nothing else.

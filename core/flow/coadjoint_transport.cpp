@@ -257,12 +257,12 @@ void CoadjointTransport<Dim, T>::push_adjoint(MovedSites<Dim, T>& sites, const T
   for (int axis = 0; axis < Dim; ++axis) {
     if (wanted[axis] && wanted[axis]->sites() == 0) continue;
     const std::size_t at = static_cast<std::size_t>(axis) * Dim * lattice_.sites();
+    const T* momenta = first ? first + at : nullptr;
     if (sites.has_jacobians())
-      face_adjoint(sites, axis, wanted[axis], first + at, zeroth_out_dual, first_out_dual, displacement_dual,
+      face_adjoint(sites, axis, wanted[axis], momenta, zeroth_out_dual, first_out_dual, displacement_dual,
                    first_dual + at);
     else
-      carried_face_adjoint(sites, axis, wanted[axis], first + at, first_out_dual + at, displacement_dual,
-                           first_dual + at);
+      carried_face_adjoint(sites, axis, wanted[axis], momenta, first_out_dual + at, displacement_dual, first_dual + at);
   }
 }
 
@@ -320,7 +320,7 @@ void CoadjointTransport<Dim, T>::face_adjoint(MovedSites<Dim, T>& sites, int axi
       }
       const Column<Dim, T> pulled = face.G.transpose() * n_dual;
       add_to<Dim, T>(first_dual + Dim * site, pulled);
-      if (is_zero<Dim, T>(first + Dim * site)) return;
+      if (!first || is_zero<Dim, T>(first + Dim * site)) return;
 
       const Column<Dim, T> n = face.G * load<Dim, T>(first + Dim * site);
       std::array<T, Dim> gradient{};
@@ -364,8 +364,8 @@ void CoadjointTransport<Dim, T>::carried_face_adjoint(const MovedSites<Dim, T>& 
   for_planes_apart<2>(lattice_.size[Dim - 1], [&](int slab) {
     visit_slab_of(blocks, slab, [&](const Index<Dim>& where, std::size_t site) {
       const Face face(sites, axis, where, site);
-      std::array<T, Dim> m, gradient;
-      std::copy_n(first + Dim * site, Dim, m.begin());
+      std::array<T, Dim> m{}, gradient;
+      if (first) std::copy_n(first + Dim * site, Dim, m.begin());
       const std::array<T, Dim> dual =
           LinearCell<Dim, T>(lattice_, face.on(axis)).template value_and_gradient<Dim>(out_dual, m, gradient);
       for (int c = 0; c < Dim; ++c) first_dual[Dim * site + c] += dual[c];

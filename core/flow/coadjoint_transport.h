@@ -42,8 +42,8 @@ class CoadjointTransport {
             const MomentumMasks<Dim>& reached, T* zeroth_out, T* first_out);
 
   /// Adjoint of push: given the duals of zeroth_out and first_out, of which it reads what `reached` tells for `wanted`,
-  /// adds to displacement_dual, zeroth_dual and first_dual, to the last in `wanted` only (outside, first must be 0),
-  /// and to the duals of the Jacobians, for MovedSites::end_adjoint.
+  /// adds to displacement_dual, zeroth_dual and first_dual, to the last in `wanted` only (outside, first must be 0;
+  /// null: it is 0 everywhere), and to the duals of the Jacobians, for MovedSites::end_adjoint.
   void push_adjoint(MovedSites<Dim, T>& sites, const T* zeroth, const T* first, const AxisBlocks<Dim>& wanted,
                     const T* zeroth_out_dual, const T* first_out_dual, T* displacement_dual, T* zeroth_dual,
                     T* first_dual);

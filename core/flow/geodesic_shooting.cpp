@@ -11,6 +11,10 @@ template <class T>
 const T* pointer(const Field<T>& field) {
   return field.empty() ? nullptr : field.data();
 }
+template <class T>
+T* mutable_pointer(Field<T>& field) {
+  return field.empty() ? nullptr : field.data();
+}
 
 /// sum += terms in the blocks of `where`.
 template <int Dim, class T>
@@ -50,8 +54,8 @@ GeodesicShooting<Dim, T>::GeodesicShooting(std::vector<MomentumScale<Dim, T>*> s
         if (k < time_steps) shared->position[k].resize(field);
         shared->predicted[k].resize(field);
       }
-      for (Field<T>* dual : {&shared->position_dual, &shared->predicted_dual, &shared->through_velocity})
-        dual->resize(field);
+      shared->predicted_dual.resize(field);
+      if (time_steps > 1) shared->position_dual.resize(field);
       if (!shared->prolongation.is_identity()) {
         shared->sum.resize(field);
         shared->restricted.resize(field);
@@ -66,7 +70,8 @@ GeodesicShooting<Dim, T>::GeodesicShooting(std::vector<MomentumScale<Dim, T>*> s
     state.shared->moves_everywhere = state.shared->moves_everywhere || zeroth;
     state.transport = std::make_unique<CoadjointTransport<Dim, T>>(scale->lattice(), scale->first_order_unit(), zeroth,
                                                                    scale->has_first_order(), evolution);
-    state.zeroth.resize(scale->field_size());
+    // With `exact` first orders turn into order 0.
+    if (zeroth || evolution == Evolution::Exact) state.zeroth.resize(scale->field_size());
     if (scale->has_first_order()) state.first.resize(Dim * scale->field_size());
     if (same_lattice_before || !zeroth) state.velocity.resize(scale->field_size());
     if (scale->oriented())
@@ -215,8 +220,8 @@ void GeodesicShooting<Dim, T>::shoot(const std::vector<MomentumPointers<T>>& mom
       const AxisBlocks<Dim> start = momenta_of(s);
       const MomentumMasks<Dim> reached = state.transport->reached(state.shared->sites, start);
       state.transport->push(state.shared->sites, momenta[s].zeroth, momenta[s].first, start, reached,
-                            state.zeroth.data(), state.first.data());
-      add_velocity(state, state.zeroth.data(), pointer(state.first), reached, velocities_[end_of_step(k + 1)]);
+                            mutable_pointer(state.zeroth), state.first.data());
+      add_velocity(state, pointer(state.zeroth), pointer(state.first), reached, velocities_[end_of_step(k + 1)]);
       if (state.oriented) state.oriented->predict(k, velocities_[end_of_step(k)].data(), dt);
     }
     finish_velocity(k + 1, velocities_[end_of_step(k + 1)]);
@@ -250,8 +255,8 @@ std::vector<double> GeodesicShooting<Dim, T>::hamiltonians(const std::vector<Mom
     for (std::size_t s = 0; s < states_.size(); ++s) {
       ScaleState& state = states_[s];
       state.transport->push(state.shared->sites, momenta[s].zeroth, momenta[s].first, {}, state.scale->everywhere(),
-                            state.zeroth.data(), state.first.data());
-      energies[k] += state.scale->total_energy(state.zeroth.data(), pointer(state.first));
+                            mutable_pointer(state.zeroth), state.first.data());
+      energies[k] += state.scale->total_energy(pointer(state.zeroth), pointer(state.first));
     }
   }
   return energies;
@@ -263,7 +268,8 @@ void GeodesicShooting<Dim, T>::adjoint(const std::vector<MomentumPointers<T>>& m
                                        const std::vector<MomentumTargets<T>>& gradient,
                                        const std::vector<MomentumTargets<T>>& preconditioned) {
   const T dt = T(1) / static_cast<T>(time_steps_);
-  for (auto& shared : lattices_) shared->acting.clear(shared->lattice, Dim, shared->position_dual.data());
+  for (auto& shared : lattices_)
+    if (!shared->position_dual.empty()) shared->acting.clear(shared->lattice, Dim, shared->position_dual.data());
   for (ScaleState& state : states_)
     if (state.oriented) state.oriented->begin_adjoint();
   gather_between_steps(velocity_duals);
@@ -301,18 +307,23 @@ void GeodesicShooting<Dim, T>::adjoint(const std::vector<MomentumPointers<T>>& m
       const MomentumMasks<Dim> masks = k == 0 ? at_start(s, wanted) : state.transport->reached(shared.sites, wanted);
       if (masks.is_empty()) continue;
       const T* velocity_dual = shared.restricted.empty() ? all_of_velocity_dual : shared.restricted.data();
-      T* first_dual = state.first.empty() ? nullptr : state.first.data();
-      state.scale->synthesise_transpose(velocity_dual, masks, state.zeroth.data(), first_dual);
+      T* first_dual = mutable_pointer(state.first);
+      T* zeroth_dual = state.zeroth.empty() ? state.velocity.data() : state.zeroth.data();  // or scratch alone
+      state.scale->synthesise_transpose(velocity_dual, masks, zeroth_dual, first_dual);
       const T per_volume = static_cast<T>(1 / lattice.cell_volume());
       if (k > 0) {
-        state.transport->push_adjoint(shared.sites, momenta[s].zeroth, momenta[s].first, wanted, state.zeroth.data(),
-                                      first_dual, shared.predicted_dual.data(), gradient[s].zeroth, gradient[s].first);
+        const AxisBlocks<Dim> start = momenta_of(s);
+        const bool has_first =
+            std::any_of(start.begin(), start.end(), [](const auto* blocks) { return !blocks || blocks->sites() > 0; });
+        state.transport->push_adjoint(shared.sites, momenta[s].zeroth, has_first ? momenta[s].first : nullptr, wanted,
+                                      zeroth_dual, first_dual, shared.predicted_dual.data(), gradient[s].zeroth,
+                                      gradient[s].first);
         if (preconditioned[s].zeroth)
           state.transport->pull_back(shared.sites, velocity_dual, per_volume, preconditioned[s].zeroth);
         continue;
       }
       const std::size_t field = state.scale->field_size();
-      if (gradient[s].zeroth) add_fields<Dim, T>(lattice, masks.zeroth, state.zeroth.data(), gradient[s].zeroth);
+      if (gradient[s].zeroth) add_fields<Dim, T>(lattice, masks.zeroth, zeroth_dual, gradient[s].zeroth);
       for (std::size_t axis = 0; first_dual && axis < Dim; ++axis)
         add_fields<Dim, T>(lattice, masks.first[axis], first_dual + axis * field, gradient[s].first + axis * field);
       if (T* sum = preconditioned[s].zeroth) {
@@ -325,18 +336,20 @@ void GeodesicShooting<Dim, T>::adjoint(const std::vector<MomentumPointers<T>>& m
       if (state.oriented)
         state.oriented->predict_adjoint(k - 1, velocities_[end_of_step(k - 1)].data(), dt,
                                         velocity_duals[end_of_step(k - 1)].data());
-    // What X_{k-1} and v_{k-1}(X_{k-1}) receive from corrector and predictor.
+    // What X_{k-1} and v_{k-1}(X_{k-1}) receive from corrector and predictor; the latter takes the place of
+    // `predicted_dual`, which has served.
     for (auto& shared : lattices_) {
       shared->sites.end_adjoint(shared->acting, shared->predicted_dual.data());
-      T* position_dual = shared->position_dual.data();
-      T* through_velocity = shared->through_velocity.data();
-      const T* predicted_dual = shared->predicted_dual.data();
-      shared->acting.for_runs(shared->lattice, [&](std::size_t begin, std::size_t count) {
-        for (std::size_t i = Dim * begin; i < Dim * (begin + count); ++i) {
-          through_velocity[i] = position_dual[i] / 2 + predicted_dual[i];
-          position_dual[i] += predicted_dual[i];
-        }
-      });
+      T* position_dual = mutable_pointer(shared->position_dual);
+      T* through_velocity = shared->predicted_dual.data();
+      if (position_dual)
+        shared->acting.for_runs(shared->lattice, [&](std::size_t begin, std::size_t count) {
+          for (std::size_t i = Dim * begin; i < Dim * (begin + count); ++i) {
+            const T predicted_dual = through_velocity[i];
+            through_velocity[i] = position_dual[i] / 2 + predicted_dual;
+            position_dual[i] += predicted_dual;
+          }
+        });
       advance_adjoint<Dim, T>(shared->lattice, shared->acting, pointer(shared->position[k - 1]), lattice_,
                               velocities_[end_of_step(k - 1)].data(), dt, through_velocity,
                               velocity_duals[end_of_step(k - 1)].data(), k > 1 ? position_dual : nullptr);

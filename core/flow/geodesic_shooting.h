@@ -96,7 +96,8 @@ class GeodesicShooting {
     BlockMask<Dim> acting;            ///< where sites can have an influence on the velocity
     Field<T> sum;                     ///< velocity of all its scales; of no use where prolongation is the identity
     bool is_sum_written = false;      ///< of this node, so that others add to it
-    Field<T> position_dual, predicted_dual, through_velocity;
+    Field<T> position_dual;           ///< empty with a single step, whose sites begin where nothing can move them
+    Field<T> predicted_dual;
     Field<T> restricted;  ///< as sum
   };
   struct ScaleState {
@@ -104,8 +105,10 @@ class GeodesicShooting {
     SharedLattice* shared;
     std::unique_ptr<CoadjointTransport<Dim, T>> transport;
     std::unique_ptr<OrientedFlow<Dim, T>> oriented;  ///< null where the scale has none
-    Field<T> zeroth, first;                          ///< transported momenta, later their duals
-    Field<T> velocity;  ///< empty: the scale has order 0 and is the first of its lattice, whose sum it writes
+    /// Transported momenta, later their duals. Where no momenta of order 0 can appear, `zeroth` is empty.
+    Field<T> zeroth, first;
+    /// Empty: the scale has order 0 and is the first of its lattice, whose sum it writes. Scratch in the adjoint.
+    Field<T> velocity;
   };
   AxisBlocks<Dim> momenta_of(std::size_t scale) const;
   AxisBlocks<Dim> wanted_of(std::size_t scale) const;
