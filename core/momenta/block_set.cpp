@@ -1,6 +1,7 @@
 #include "core/momenta/block_set.h"
 
 #include "core/support/errors.h"
+#include "core/support/short_float.h"
 
 #include <algorithm>
 #include <numeric>
@@ -120,16 +121,24 @@ void BlockSet<Dim>::mark_nonzero(int channels, const T* compact, std::vector<cha
 template class BlockSet<2>;
 template class BlockSet<3>;
 
-#define SALTUS_INSTANTIATE(DIM, T)                                                    \
-  template void BlockSet<DIM>::gather(int, const T*, T*) const;                       \
-  template void BlockSet<DIM>::scatter(int, const T*, T*) const;                      \
-  template void BlockSet<DIM>::scatter_within(int, const T*, T*) const;               \
+#define SALTUS_INSTANTIATE(DIM, T)                               \
+  template void BlockSet<DIM>::gather(int, const T*, T*) const;  \
+  template void BlockSet<DIM>::scatter(int, const T*, T*) const; \
+  template void BlockSet<DIM>::scatter_within(int, const T*, T*) const
+#define SALTUS_INSTANTIATE_COMPACT(DIM, T)                                            \
   template void BlockSet<DIM>::gather_from(const BlockSet&, int, const T*, T*) const; \
   template void BlockSet<DIM>::mark_nonzero(int, const T*, std::vector<char>&) const
 SALTUS_INSTANTIATE(2, float);
 SALTUS_INSTANTIATE(3, float);
 SALTUS_INSTANTIATE(2, double);
 SALTUS_INSTANTIATE(3, double);
+SALTUS_INSTANTIATE_COMPACT(2, float);
+SALTUS_INSTANTIATE_COMPACT(3, float);
+SALTUS_INSTANTIATE_COMPACT(2, double);
+SALTUS_INSTANTIATE_COMPACT(3, double);
+SALTUS_INSTANTIATE_COMPACT(2, ShortFloat);
+SALTUS_INSTANTIATE_COMPACT(3, ShortFloat);
 #undef SALTUS_INSTANTIATE
+#undef SALTUS_INSTANTIATE_COMPACT
 
 }  // namespace saltus

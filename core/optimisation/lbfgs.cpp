@@ -18,20 +18,20 @@ constexpr int kFirstLookGap = 5, kLargestLookGap = 40;
 /// The share of a range that has to join for a look not to have been in vain, and for a run to go on.
 constexpr double kLeastJoined = 0.05;
 
-template <class T>
-double dot(const std::vector<T>& a, const std::vector<T>& b) {
+template <class A, class B>
+double dot(const std::vector<A>& a, const std::vector<B>& b) {
   return ordered_sum(a.size(), [&](std::size_t i) { return static_cast<double>(a[i]) * static_cast<double>(b[i]); });
 }
 
-template <class T>
-void add_scaled(double factor, std::size_t count, const T* terms, T* sum) {
+template <class Term, class T>
+void add_scaled(double factor, std::size_t count, const Term* terms, T* sum) {
   const T f = static_cast<T>(factor);
 #pragma omp parallel for simd schedule(static) if (is_worth_threads(count))
-  for (std::size_t i = 0; i < count; ++i) sum[i] += f * terms[i];
+  for (std::size_t i = 0; i < count; ++i) sum[i] += f * static_cast<T>(terms[i]);
 }
 
-template <class T>
-void add_scaled(double factor, const std::vector<T>& terms, std::vector<T>& sum) {
+template <class Term, class T>
+void add_scaled(double factor, const std::vector<Term>& terms, std::vector<T>& sum) {
   add_scaled(factor, sum.size(), terms.data(), sum.data());
 }
 
@@ -51,12 +51,20 @@ void scale_by(T factor, std::vector<T>& values) {
   for (std::size_t i = 0; i < count; ++i) values[i] *= factor;
 }
 
-/// before = now - before
+/// before = now - before, as pairs hold it
 template <class T>
 void make_change(const std::vector<T>& now, std::vector<T>& before) {
   const std::size_t count = before.size();
 #pragma omp parallel for simd schedule(static) if (is_worth_threads(count))
-  for (std::size_t i = 0; i < count; ++i) before[i] = now[i] - before[i];
+  for (std::size_t i = 0; i < count; ++i) before[i] = static_cast<Stored<T>>(now[i] - before[i]);
+}
+
+template <class T>
+void store(const std::vector<T>& values, std::vector<Stored<T>>& stored) {
+  const std::size_t count = values.size();
+  stored.resize(count);
+#pragma omp parallel for simd schedule(static) if (is_worth_threads(count))
+  for (std::size_t i = 0; i < count; ++i) stored[i] = values[i];
 }
 
 template <class T>
@@ -155,8 +163,8 @@ class Preconditioner {
   }
 
   /// sum += factor P b
-  template <class T>
-  void add(double factor, const std::vector<T>& b, const std::vector<T>& dense, std::vector<T>& sum) const {
+  template <class B, class T>
+  void add(double factor, const std::vector<B>& b, const std::vector<B>& dense, std::vector<T>& sum) const {
     for (const Piece& piece : pieces_)
       add_scaled(factor * piece.factor, piece.end - piece.begin, piece.values(b, dense), sum.data() + piece.begin);
   }
@@ -422,9 +430,9 @@ MinimiseSummary minimise(Objective<T>& objective, const MinimiseOptions& options
         pair = std::move(state.pairs.front());
         state.pairs.pop_front();
       }
-      pair.s = candidate;
-      pair.y = next_gradient;
-      pair.y_preconditioned = next_preconditioned;
+      store(candidate, pair.s);
+      store(next_gradient, pair.y);
+      store(next_preconditioned, pair.y_preconditioned);
       pair.rho = 1 / curvature;
       state.pairs.push_back(std::move(pair));
     }

@@ -1,6 +1,7 @@
 #pragma once
 
 #include "core/optimisation/objective.h"
+#include "core/support/short_float.h"
 
 #include <deque>
 #include <functional>
@@ -48,17 +49,31 @@ struct MinimiseSummary {
   double first_optimality = 0;  ///< residual at the start, absolute
 };
 
+/// What pairs hold of a value. They are a model of the curvature, which a digit or two less serve as well.
+template <class T>
+struct StoredOf {
+  using Type = T;
+};
+template <>
+struct StoredOf<float> {
+  using Type = ShortFloat;
+};
+template <class T>
+using Stored = typename StoredOf<T>::Type;
+
 /// A step s and the change y of the gradient along it, with 1 / (s . y) and, as far as Objective::evaluate gives that,
-/// y preconditioned.
+/// y preconditioned. Of s and y as they are stored, so that s . y is above 0 and the model positive definite for them;
+/// y preconditioned is rounded by itself.
 template <class T>
 struct CurvaturePair {
-  std::vector<T> s, y, y_preconditioned;
+  std::vector<Stored<T>> s, y, y_preconditioned;
   double rho = 0;
 };
 
 /// Where a minimisation stands after an accepted step, or, with x alone, before it begins: all that it needs to go on
-/// as if it had never been interrupted, bit by bit. Memory: 2 + 2 * history vectors of the size of x, 1 + history of
-/// what lies outside the sparsity ranges; while it minimises, 4 more of the first and one of the second.
+/// as if it had never been interrupted, bit by bit. Memory: 2 vectors of the size of x and one of what lies outside the
+/// sparsity ranges, while it minimises 2 more of the first and one more of the second; and of the pairs 2 * history and
+/// history, of half as many bytes for float.
 template <class T>
 struct MinimiserState {
   MinimiserState() = default;

@@ -3,6 +3,7 @@
 #include "core/registration/register_images.h"
 #include "core/support/errors.h"
 #include "core/support/fingerprint.h"
+#include "core/support/short_float.h"
 
 #include <algorithm>
 #include <cstring>
@@ -15,7 +16,7 @@ namespace {
 
 constexpr char kMagic[8] = {'S', 'A', 'L', 'T', 'U', 'S', 'C', 'P'};
 /// To be raised with every change of what is stored or of what is computed from it.
-constexpr std::uint32_t kVersion = 20;
+constexpr std::uint32_t kVersion = 21;
 
 struct Header {
   char magic[8];
@@ -24,6 +25,10 @@ struct Header {
   std::uint64_t job, size, checksum;  ///< of what follows
 };
 static_assert(std::is_trivially_copyable_v<Header> && sizeof(Header) == 40);
+
+/// What is stored as the bytes that it has.
+template <class T>
+concept Plain = std::is_arithmetic_v<T> || std::is_same_v<T, ShortFloat>;
 
 /// Passes every value on as bytes, lists after the number of what they hold.
 template <class Take>
@@ -35,8 +40,7 @@ class Writer {
   requires(std::is_arithmetic_v<T> || std::is_enum_v<T>) void operator()(const T& value) {
     take_(&value, sizeof value);
   }
-  template <class T>
-  requires std::is_arithmetic_v<T>
+  template <Plain T>
   void operator()(const std::vector<T>& values) {
     (*this)(static_cast<std::uint64_t>(values.size()));
     take_(values.data(), values.size() * sizeof(T));
@@ -66,8 +70,7 @@ class Reader {
 
   template <class T>
   requires(std::is_arithmetic_v<T> || std::is_enum_v<T>) void operator()(T& value) { copy(&value, 1); }
-  template <class T>
-  requires std::is_arithmetic_v<T>
+  template <Plain T>
   void operator()(std::vector<T>& values) {
     values.resize(count(sizeof(T)));
     copy(values.data(), values.size());

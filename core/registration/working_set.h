@@ -151,7 +151,8 @@ class WorkingSet {
   bool any_beside(const Oriented& oriented, std::uint32_t element, IsSo&& is_so) const;
   std::vector<std::uint32_t> wanted_elements(const Oriented& oriented, const MinimiserState<T>& state, bool& changes);
   Layout layout() const;
-  void reshape(const Layout& before, std::vector<T>& values) const;
+  template <class Value>
+  void reshape(const Layout& before, std::vector<Value>& values) const;
   void fetch_gradients(const Layout& before, MinimiserState<T>& state) const;
   bool has_all_blocks(const FirstOrder& first) const;
   std::vector<AxisBlocks<Dim>> axis_blocks() const;

@@ -48,7 +48,7 @@ std::vector<std::uint32_t> WorkingSet<Dim, T>::wanted_elements(const Oriented& o
                                                                bool& changes) {
   const GroupSparsity& range = sparsity_[oriented.range];
   const std::vector<float>& factors = factors_[oriented.range];
-  const auto is_zero = [](const T* values) {
+  const auto is_zero = [](const auto* values) {
     return std::all_of(values, values + Dim - 1, [](T value) { return value == T(0); });
   };
   const auto excess = [&](std::uint32_t element, const T* gradient) {  // how many times its weight an element pulls
@@ -151,8 +151,9 @@ typename WorkingSet<Dim, T>::Layout WorkingSet<Dim, T>::layout() const {
 
 /// Values in x's layout as it is now from those in the layout before; what was not there is 0.
 template <int Dim, class T>
-void WorkingSet<Dim, T>::reshape(const Layout& before, std::vector<T>& values) const {
-  std::vector<T> now(size_);
+template <class Value>
+void WorkingSet<Dim, T>::reshape(const Layout& before, std::vector<Value>& values) const {
+  std::vector<Value> now(size_);
   for (std::size_t s = 0; s < scales_.size(); ++s)
     if (has_zeroth(scales_[s]->options().orders))
       std::copy_n(values.data() + before.zeroth_at[s], scales_[s]->field_size(), now.data() + zeroth_at_[s]);

@@ -21,6 +21,7 @@ double ordered_sum(std::size_t count, Term&& term) {
     const std::size_t end = std::min(count, (b + 1) * block);
     std::size_t i = b * block;
     for (; i + lanes <= end; i += lanes)
+#pragma omp simd  // without it terms that are converted are taken one by one
       for (std::size_t lane = 0; lane < lanes; ++lane) sums[lane] += term(i + lane);
     for (std::size_t lane = 0; i < end; ++i, ++lane) sums[lane] += term(i);
     double sum = 0;

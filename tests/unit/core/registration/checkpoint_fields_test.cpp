@@ -21,6 +21,7 @@ class Numbers {
   template <class T>
   requires std::is_arithmetic_v<T>
   void operator()(T& value) { value = static_cast<T>(++last_) + static_cast<T>(0.5); }
+  void operator()(ShortFloat& value) { value = ShortFloat(static_cast<float>(++last_)); }  // to 256 no two are the same
   void operator()(std::string& text) { text = "text " + std::to_string(++last_); }
   void operator()(FirstOrderDecision& what) { what = FirstOrderDecision::LetIn; }
   void operator()(Termination& why) { why = Termination::IterationLimit; }
