@@ -134,6 +134,7 @@ void transfer_level(Stream& stream, Level& level) {
   stream(level.energy_after);
   stream(level.termination);
   stream(level.active_block_share);
+  stream(level.kept_out_share);
   stream(level.decision);
   stream(level.first_order_gain);
   stream(level.first_order_shear);

@@ -1,13 +1,30 @@
 #include "core/momenta/oriented_momenta.h"
 #include "core/registration/register_images.h"
 #include "core/registration/scales.h"
+#include "core/registration/working_set.h"
 #include "core/similarity/similarity.h"
+#include "core/slip/jump_elements.h"
 #include "core/support/registers.h"
+#include "core/support/thread_count.h"
 
 #include <algorithm>
 #include <cmath>
 
 namespace saltus {
+namespace {
+
+/// Of that share of all blocks of a scale's order-1 fields: how many sites of these there are at most. Blocks at the
+/// border have fewer sites than others.
+template <int Dim>
+double most_active_sites(const Lattice<Dim>& lattice, int fields, double share) {
+  std::size_t blocks = static_cast<std::size_t>(fields);
+  for (int axis = 0; axis < Dim; ++axis)
+    blocks *= static_cast<std::size_t>((lattice.size[axis] + kBlockEdge - 1) / kBlockEdge);
+  return std::min(static_cast<double>(fields) * static_cast<double>(lattice.sites()),
+                  static_cast<double>(most_active_blocks(share, blocks)) * std::pow(kBlockEdge, Dim));
+}
+
+}  // namespace
 
 template <int Dim>
 std::size_t memory_estimate(const ImageGrid<Dim>& fixed, const ImageGrid<Dim>& moving,
@@ -22,10 +39,16 @@ std::size_t memory_estimate(const ImageGrid<Dim>& fixed, const ImageGrid<Dim>& m
   const double similarity = scalar * similarity_scratch(options.similarity, Dim);
   const auto sites_of = [&](int level) { return static_cast<double>(level_lattice(image, level).sites()); };
 
+  const bool has_first = m.first_order_scales > 0;
   // What one round holds: see the members of MatchingObjective and of what it owns. `smooth`: order 0 is alone.
   const int finest = options.pyramid.finest_level, coarsening = options.flow.coarsening;
   const double level = sites_of(finest);
-  const auto round_bytes = [&](bool smooth) {
+  struct Round {
+    double most;  ///< while it runs
+    double left;  ///< of which this is there until what jumps is listed, when it was the last
+    double kept;  ///< momenta of the result, and that list
+  };
+  const auto round_of = [&](bool smooth) {
     double bytes = level * (8 * scalar + similarity);  // images, weights, duals
     const Lattice<Dim> flow_lattice = level_lattice(image, smooth ? finest + coarsening : finest);
     const double flow = static_cast<double>(flow_lattice.sites());
@@ -36,13 +59,15 @@ std::size_t memory_estimate(const ImageGrid<Dim>& fixed, const ImageGrid<Dim>& m
     };
     bytes += planes_between(flow_lattice, level_lattice(image, finest));
     bytes += flow * (2 * nodes * vector        // velocities and their duals
-                     + (nodes + 2) * vector);  // map and its adjoint's work
-    double unknowns = 0, dense = 0;            // momenta, and those of order 0
-    // Once for each lattice: where its sites are, with their duals. Then for each scale its momenta.
+                     + (nodes + 1) * vector);  // map and its adjoint's work
+    double unknowns = 0, dense = 0, kept = 0;  // momenta, and those of order 0
+    // Once for each lattice: where its sites are, with their duals, and the velocity of its scales on the way to and
+    // from another lattice. Then for each scale its momenta.
     const auto add_lattice = [&](int q) {
       const Lattice<Dim> lattice = level_lattice(image, q);
       const double sites = static_cast<double>(lattice.sites());
-      bytes += sites * (2 * steps + 5) * vector + planes_between(lattice, flow_lattice);
+      bytes += sites * (2 * steps + (steps > 1 ? 1 : 0) + (lattice == flow_lattice ? 0 : 2)) * vector +
+               planes_between(lattice, flow_lattice);
       if (options.flow.evolution != Evolution::Carried) bytes += sites * 2 * Dim * vector;  // Jacobians
     };
     const auto is_first_at = [&](int q) {
@@ -55,6 +80,7 @@ std::size_t memory_estimate(const ImageGrid<Dim>& fixed, const ImageGrid<Dim>& m
       const double sites = sites_of(placed);
       unknowns += Dim * sites;
       dense += Dim * sites;
+      kept += sites * vector;
       add_lattice(placed);
       // Its momentum; one for the passes of a sum of widths; the velocity where another scale's is on the lattice
       // before.
@@ -62,38 +88,70 @@ std::size_t memory_estimate(const ImageGrid<Dim>& fixed, const ImageGrid<Dim>& m
       bytes += sites * (1 + (m.kernel_widths.size() > 1 ? 1 : 0) + (adds_velocity ? 1 : 0)) * vector;
     }
     for (int q = m.first_order_finest_scale; is_first_at(q); ++q) {
-      const double sites = sites_of(q);
-      unknowns += Dim * Dim * sites;
-      if (coarsening > 0 || q < m.finest_scale || q >= m.finest_scale + m.scales) add_lattice(q);
-      bytes += sites * ((m.first_order_kernel_widths.size() > 1 ? 6 : 5) * vector + Dim * vector);
-      // With sparsity only active blocks are unknowns, beside momenta and gradients at all sites. How many there will
-      // be is not known: nearly all, at worst.
-      if (m.sparsity > 0) bytes += sites * 2 * Dim * vector;
-      if (options.model == Model::Directional) bytes += sites * 2 * Dim * vector;
+      const Lattice<Dim> lattice = level_lattice(image, q);
+      const double sites = static_cast<double>(lattice.sites());
+      const bool is_directional = options.model == Model::Directional;
+      const int fields = is_directional ? 1 : Dim;
+      const double active = m.sparsity > 0 ? most_active_sites(lattice, fields, m.most_active_share) : fields * sites;
+      unknowns += Dim * active;
+      const std::size_t widths = std::max<std::size_t>(1, m.first_order_kernel_widths.size());
+      kept += Dim * sites * vector +
+              static_cast<double>(widths * sizeof(JumpElement<Dim>)) * (is_directional ? Dim * active : active);
+      const bool is_alone = coarsening > 0 || q < m.finest_scale || q >= m.finest_scale + m.scales;
+      if (is_alone) add_lattice(q);
+      // Momenta on their way, what is listed of one field of them, and passes; alone also their velocity, or momenta of
+      // order 0 that they turn into.
+      const bool is_exact = options.flow.evolution == Evolution::Exact;
+      bytes += sites * (Dim + (is_exact ? 4 : 2) + 3 + (m.first_order_kernel_widths.size() > 1 ? 1 : 0)) * vector;
+      if (is_alone) bytes += sites * (is_exact ? 2 : 1) * vector;
+      // With sparsity only active blocks are unknowns, beside momenta and gradients at all sites; and there are their
+      // weights, once more in a checkpoint. How many will be active is not known: all that may be, at worst.
+      if (m.sparsity > 0) {
+        bytes += sites * 2 * fields * vector;
+        if (m.reweighted_rounds > 0 || m.debias) bytes += scalar * (2 * fields * sites + active);
+      }
+      if (is_directional) bytes += sites * 2 * Dim * vector;
       // Oriented momenta: normals, and a field in padded rows, at all sites, weights (and those before them) for all
       // elements. One element may join at a site that has room for one.
       if (m.orientations > 0) {
-        const Lattice<Dim> lattice = level_lattice(image, q);
         const double row = lattice.size[0], padded = (row + static_cast<double>(kRegisterLanes<float>)) / row;
         bytes += sites * ((2 + padded) * vector + 2 * m.orientations * scalar);
         unknowns += (Dim - 1) * static_cast<double>(sites_with_room(lattice, first_order_width(image, options, q),
                                                                     kElementSpacing<Dim>));
       }
     }
-    // L-BFGS, see MinimiserState, and one vector on its way while momenta join; a checkpoint goes straight to a file.
-    bytes += scalar * (unknowns * (2 * options.optimisation.history + 7) + dense * (options.optimisation.history + 2));
-    return bytes;
+    // Planes between two passes of order 0, see convolve_planes: of each thread one, or a few small ones.
+    if (Dim == 3) {
+      const Lattice<Dim> largest = level_lattice(image, m.finest_scale + (smooth ? coarsening : 0));
+      const double plane = static_cast<double>(largest.sites()) / largest.size[Dim - 1] * vector;
+      const int threads = options.threads > 0 ? options.threads : threads_worth(largest.sites());
+      bytes += threads * std::max(plane, 512.0 * 1024);
+    }
+    // L-BFGS, see MinimiserState: one of its vectors makes room for one on its way while momenta join, and a checkpoint
+    // goes straight to a file. Before it has pairs and the vectors of the next step it may look at the noise: with a
+    // vector more of each kind and two images. What order 0 began with may be kept for a second beginning.
+    const double history = options.optimisation.history, pair_value = sizeof(Stored<float>);
+    const double run = unknowns * (4 * scalar + 2 * history * pair_value) + dense * (2 * scalar + history * pair_value);
+    const double noise_look = scalar * (unknowns * 3 + dense * 2 + level * 2);
+    const bool looks = smooth && options.optimisation.noise_tolerance > 0;
+    const double beginning = has_first && m.first_order_gain > 0 ? dense * scalar : 0;
+    return Round{bytes + beginning + (looks ? std::max(run, noise_look) : run),
+                 bytes + unknowns * scalar + flow * nodes * vector, kept};
   };
-  const bool has_first = m.first_order_scales > 0;
-  const double level_bytes = std::max(round_bytes(true), has_first ? round_bytes(false) : 0.0);
+  Round round = round_of(true);
+  if (has_first) {
+    const Round other = round_of(false);
+    round = {std::max(round.most, other.most), std::max(round.left, other.left), std::max(round.kept, other.kept)};
+  }
 
   // At the end: map, displacement and the frame at rest, Jacobian and warped image, both images again with what warps
   // them, and the similarity at full resolution; the inverse; velocities.
   const double flow = sites_of(has_first ? finest : finest + coarsening);
-  const double end_bytes =
-      full * (3 * vector + 8 * scalar + similarity) + full_moving * (vector + 8 + 2 * scalar) + flow * nodes * vector;
+  const double end_bytes = full * (3 * vector + 8 * scalar + similarity) + full_moving * (vector + 8 + 2 * scalar) +
+                           flow * nodes * vector + round.kept;
   const double input_bytes = scalar * (full + full_moving);
-  return static_cast<std::size_t>(input_bytes + std::max(level_bytes, end_bytes)) + (64u << 20);
+  return static_cast<std::size_t>(input_bytes + std::max({round.most, round.left + round.kept, end_bytes})) +
+         (64u << 20);
 }
 
 template std::size_t memory_estimate(const ImageGrid<2>&, const ImageGrid<2>&, const RegistrationOptions&);

@@ -61,6 +61,7 @@ RegistrationOptions default_options(Model model, SimilarityType similarity, Pres
       break;
     case Model::Auto:
       o.momenta.first_order_gain = -1;
+      o.momenta.most_active_share = 0;
       [[fallthrough]];
     case Model::Sliding:
       o.momenta.first_order_scales = 1;

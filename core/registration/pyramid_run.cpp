@@ -229,6 +229,7 @@ void PyramidRun<Dim>::make_objective(const SparsityRound& round) {
       options_.momenta.sparsity, flow, options_.momenta.oriented_sparsity);
   if (options_.momenta.shear_only) objective_->working_set().keep_shear_only();
   objective_->working_set().want_oblique(options_.momenta.oblique_share);
+  objective_->working_set().bound_active(options_.momenta.most_active_share);
   // Finer scales begin with none, and where order 0 is alone nothing has any.
   objective_->working_set().set_active_blocks(smooth ? std::vector<std::vector<std::uint32_t>>{}
                                                      : reached_.active_blocks);
@@ -420,6 +421,7 @@ void PyramidRun<Dim>::count_round() {
   is_counted_ = true;
   level_.iterations += state.iterations();
   level_.evaluations += state.evaluations;
+  level_.kept_out_share = std::max(level_.kept_out_share, objective_->working_set().kept_out_share());
   if (!state.has_begun()) return;
   if (level_.rounds == 1) level_.energy_before = state.energies.front();
   level_.energy_after = state.energies.back();
@@ -480,6 +482,7 @@ void PyramidRun<Dim>::make_checkpoint(std::ostream& out) {
   reached_.step = static_cast<int>(step_);
   reached_.level = level_;
   count_level_time(reached_.level);
+  reached_.level.kept_out_share = std::max(level_.kept_out_share, objective_->working_set().kept_out_share());
   reached_.optimality_reference = how_.optimality_reference;
   reached_.sparsity_factors = objective_->working_set().weights();
   reached_.active_blocks = objective_->working_set().active_blocks();

@@ -67,6 +67,7 @@ void WorkingSet<Dim, T>::lay_out() {
       sparsity_[r].end = size_ += Dim * blocks_[r].sites();
     }
     first_[s].momentum.clear();
+    if (has_all_blocks(first_[s])) first_[s].momentum.shrink_to_fit();
     if (!oriented_[s].momenta) continue;
     sparsity_[oriented_[s].range].begin = size_;
     sparsity_[oriented_[s].range].end = size_ += (Dim - 1) * oriented_[s].active.size();
@@ -93,6 +94,13 @@ template <int Dim, class T>
 bool WorkingSet<Dim, T>::has_all_blocks(const FirstOrder& first) const {
   for (std::size_t r = first.range; r < first.range + first.fields; ++r)
     if (!blocks_[r].is_complete()) return false;
+  return true;
+}
+
+template <int Dim, class T>
+bool WorkingSet<Dim, T>::has_no_blocks(const FirstOrder& first) const {
+  for (std::size_t r = first.range; r < first.range + first.fields; ++r)
+    if (blocks_[r].sites() > 0) return false;
   return true;
 }
 
@@ -137,7 +145,7 @@ T* WorkingSet<Dim, T>::gradient_at_all_sites(std::size_t scale, std::vector<T>& 
 }
 
 template <int Dim, class T>
-std::vector<MomentumPointers<T>> WorkingSet<Dim, T>::pointers(const std::vector<T>& x) const {
+std::vector<MomentumPointers<T>> WorkingSet<Dim, T>::pointers(const std::vector<T>& x, Reads reads) const {
   std::vector<MomentumPointers<T>> all(scales_.size());
   for (std::size_t s = 0; s < scales_.size(); ++s) {
     if (has_zeroth(scales_[s]->options().orders)) all[s].zeroth = x.data() + zeroth_at_[s];
@@ -147,6 +155,11 @@ std::vector<MomentumPointers<T>> WorkingSet<Dim, T>::pointers(const std::vector<
     }
     FirstOrder& first = first_[s];
     if (first.fields == 0) continue;
+    if (reads == Reads::WithinBlocks && !first.along && has_no_blocks(first)) {
+      first.gradient.resize(first.fields * scales_[s]->field_size());
+      all[s].first = first.gradient.data();  // of which nothing is read; that it is not null says that there is order 1
+      continue;
+    }
     all[s].first = all_sites(s, x);
     if (!first.along) continue;
     first.along->expand(all[s].first, first.spread.data());
@@ -157,7 +170,7 @@ std::vector<MomentumPointers<T>> WorkingSet<Dim, T>::pointers(const std::vector<
 
 template <int Dim, class T>
 std::vector<MomentumPointers<T>> WorkingSet<Dim, T>::evaluated(const std::vector<T>& x) {
-  std::vector<MomentumPointers<T>> momenta = pointers(x);
+  std::vector<MomentumPointers<T>> momenta = pointers(x, Reads::WithinBlocks);
   for (std::size_t s = 0; s < scales_.size(); ++s) {
     if (!oriented_[s].momenta) continue;
     oriented_[s].listed.clear();

@@ -9,6 +9,7 @@
 #include "core/registration/interface_normals.h"
 #include "core/registration/sparsity_rounds.h"
 
+#include <algorithm>
 #include <cstdint>
 #include <memory>
 #include <vector>
@@ -26,6 +27,11 @@ struct FirstOrderPromise {
   double shear = 0;
 };
 
+/// How many of the blocks of a scale's order-1 fields, `blocks` together, may be active: a share of them, one at least.
+inline std::size_t most_active_blocks(double share, std::size_t blocks) {
+  return std::max<std::size_t>(1, static_cast<std::size_t>(share * static_cast<double>(blocks)));
+}
+
 /// Which momenta there are and where they lie in x, the vector that is optimised. x holds, scale by scale, the order-0
 /// field and then the Dim order-1 fields (one field m_w where the scale has directions), as far as a scale has them; of
 /// each order-1 field only what lies in its active blocks, in the compact order of block_set.h. All other momenta are
@@ -34,7 +40,9 @@ struct FirstOrderPromise {
 /// With sparsity, `revise` keeps the blocks to what can be other than 0: a block joins as soon as one of its groups is
 /// seen with a gradient above its weight (the optimality condition of a group at 0), so that a minimum over the active
 /// blocks is one over all; blocks that are 0 and want to stay so leave when they are a quarter of the active ones.
-/// Without sparsity all blocks are active.
+/// Without sparsity all blocks are active. With `bound_active` so many are active at most, and the minimum is one over
+/// these: where more want to join, blocks that want to be 0 leave at once, and of the others those join whose strongest
+/// group pulls most, as a multiple of its weight.
 ///
 /// After a scale's order-1 fields lie its oriented momenta (oriented_momenta.h), those of the active elements only.
 /// Elements join and leave like blocks, one by one, and leave as well when blocks or others of them change. Those that
@@ -68,6 +76,10 @@ class WorkingSet {
   void set_active_elements(const std::vector<std::vector<std::uint32_t>>& active);
   /// Active share of all blocks of all order-1 fields; 0 where there are none.
   double active_block_share() const;
+  /// Lets no more than most_active_blocks of this share join a scale's, where there is sparsity. 1 unless said.
+  void bound_active(double share) { most_active_share_ = share; }
+  /// The most of all blocks that wanted to join at a look and had no room; 0 where all had.
+  double kept_out_share() const { return kept_out_share_; }
 
   /// Sets the sparsity weights for a round that starts from x, and whether blocks may join in it.
   void weigh(const SparsityRound& round, const std::vector<T>& x);
@@ -98,9 +110,10 @@ class WorkingSet {
 
   /// Momenta of each scale at all sites, with first orders along a direction spread to all axes. Valid until x or this
   /// changes, or the next call.
-  std::vector<MomentumPointers<T>> pointers(const std::vector<T>& x) const;
+  std::vector<MomentumPointers<T>> pointers(const std::vector<T>& x) const { return pointers(x, Reads::Everywhere); }
 
-  /// The same for an evaluation with gradient: in a look, with the elements that may join beside the active ones.
+  /// The same for an evaluation with gradient, which reads first orders in active blocks alone: in a look, with the
+  /// elements that may join beside the active ones.
   std::vector<MomentumPointers<T>> evaluated(const std::vector<T>& x);
   /// Where momenta are, and where gradients are wanted.
   ActiveBlocks<Dim> blocks() const;
@@ -147,6 +160,9 @@ class WorkingSet {
   std::vector<std::vector<float>> reweighted(std::size_t scale, const std::vector<T>& x) const;
   void list_candidates(std::size_t scale, const std::vector<T>& x);
   bool wanted_blocks(MinimiserState<T>& state, std::vector<std::vector<char>>& wanted);
+  double pull_of_block(std::size_t field, std::size_t block, const T* gradient) const;
+  std::size_t keep_out(std::size_t scale, std::size_t room, std::vector<T>& gradient,
+                       std::vector<std::vector<char>>& wanted);
   template <class IsSo>
   bool any_beside(const Oriented& oriented, std::uint32_t element, IsSo&& is_so) const;
   std::vector<std::uint32_t> wanted_elements(const Oriented& oriented, const MinimiserState<T>& state, bool& changes);
@@ -155,6 +171,9 @@ class WorkingSet {
   void reshape(const Layout& before, std::vector<Value>& values) const;
   void fetch_gradients(const Layout& before, MinimiserState<T>& state) const;
   bool has_all_blocks(const FirstOrder& first) const;
+  bool has_no_blocks(const FirstOrder& first) const;
+  enum class Reads { Everywhere, WithinBlocks };
+  std::vector<MomentumPointers<T>> pointers(const std::vector<T>& x, Reads reads) const;
   std::vector<AxisBlocks<Dim>> axis_blocks() const;
   const T* all_sites(std::size_t scale, const std::vector<T>& x) const;
   T* gradient_at_all_sites(std::size_t scale, std::vector<T>& gradient);
@@ -169,6 +188,7 @@ class WorkingSet {
   std::vector<GroupSparsity> sparsity_;
   std::size_t size_ = 0;
   double oblique_share_ = 0, least_oblique_share_ = 0;
+  double most_active_share_ = 1, kept_out_share_ = 0;
   bool shear_only_ = false;
   bool lets_blocks_join_ = true, looks_everywhere_ = true;
 };

@@ -95,14 +95,64 @@ std::vector<std::uint32_t> WorkingSet<Dim, T>::wanted_elements(const Oriented& o
   return now;
 }
 
+/// How many times its weight the group of a block pulls that pulls most.
+template <int Dim, class T>
+double WorkingSet<Dim, T>::pull_of_block(std::size_t field, std::size_t block, const T* gradient) const {
+  double most = 0;
+  blocks_[field].any_site(block, [&](std::size_t site) {
+    double square = 0;
+    for (int k = 0; k < Dim; ++k) square += static_cast<double>(gradient[Dim * site + k]) * gradient[Dim * site + k];
+    const std::vector<float>& factors = factors_[field];
+    const double weight = sparsity_[field].weight * (factors.empty() ? 1.0 : static_cast<double>(factors[site]));
+    if (square > 0) most = std::max(most, std::sqrt(square) / weight);
+    return false;
+  });
+  return most;
+}
+
+/// Of the blocks of a scale that are marked and not active only those stay marked that pull most, `room` of them. How
+/// many do not.
+template <int Dim, class T>
+std::size_t WorkingSet<Dim, T>::keep_out(std::size_t scale, std::size_t room, std::vector<T>& gradient,
+                                         std::vector<std::vector<char>>& wanted) {
+  struct Joining {
+    double pull;
+    std::size_t field, block;
+  };
+  std::vector<Joining> joining;
+  const FirstOrder& first = first_[scale];
+  const T* all = gradient_at_all_sites(scale, gradient);
+  for (std::size_t r = first.range; r < first.range + first.fields; ++r) {
+    std::vector<char> is_active(wanted[r].size(), 0);
+    for (std::uint32_t block : blocks_[r].active()) is_active[block] = 1;
+    for (std::size_t block = 0; block < is_active.size(); ++block)
+      if (wanted[r][block] && !is_active[block]) joining.push_back({0, r, block});
+  }
+#pragma omp parallel for schedule(static)
+  for (Joining& one : joining)
+    one.pull = pull_of_block(one.field, one.block, all + (one.field - first.range) * scales_[scale]->field_size());
+  room = std::min(room, joining.size());
+  // Of those that pull alike the first: the same ones whatever the sort does.
+  const auto comes_before = [](const Joining& a, const Joining& b) {
+    if (a.pull != b.pull) return a.pull > b.pull;
+    return a.field != b.field ? a.field < b.field : a.block < b.block;
+  };
+  const auto end = joining.begin() + static_cast<std::ptrdiff_t>(room);
+  std::nth_element(joining.begin(), end, joining.end(), comes_before);
+  for (auto one = end; one != joining.end(); ++one) wanted[one->field][one->block] = 0;
+  return joining.size() - room;
+}
+
 /// Marks the blocks that have to be there: momenta that are, or were within the pairs, other than 0, and those that
 /// want to be. Whether these are not the ones that are; blocks that may leave stay marked while they are few.
 template <int Dim, class T>
 bool WorkingSet<Dim, T>::wanted_blocks(MinimiserState<T>& state, std::vector<std::vector<char>>& wanted) {
   wanted.assign(blocks_.size(), {});
-  std::size_t active = 0, idle = 0, joining = 0;
+  std::size_t active = 0, idle = 0, joining = 0, kept_out = 0, all_blocks = 0;
+  bool is_full = false;
   for (std::size_t s = 0; s < scales_.size(); ++s) {
     const FirstOrder& first = first_[s];
+    std::size_t there = 0, stay = 0, join = 0, blocks_of_scale = 0;  // of this scale
     for (int field = 0; field < first.fields; ++field) {
       const std::size_t r = first.range + field;
       const GroupSparsity& range = sparsity_[r];
@@ -130,12 +180,28 @@ bool WorkingSet<Dim, T>::wanted_blocks(MinimiserState<T>& state, std::vector<std
       const auto all = static_cast<std::size_t>(std::count(needed.begin(), needed.end(), 1));
       std::size_t staying = 0;
       for (std::uint32_t block : blocks.active()) staying += needed[block];
-      active += blocks.active().size();
-      idle += blocks.active().size() - staying;
-      joining += all - staying;
+      there += blocks.active().size();
+      stay += staying;
+      join += all - staying;
+      blocks_of_scale += count;
     }
+    active += there;
+    idle += there - stay;
+    all_blocks += blocks_of_scale;
+    const std::size_t most = most_active_blocks(most_active_share_, blocks_of_scale);
+    if (join > 0 && there + join > most) {
+      is_full = true;  // those that are 0 and want to stay so make room
+      if (stay + join > most) {
+        const std::size_t left_out = keep_out(s, most - std::min(most, stay), state.gradient, wanted);
+        join -= left_out;
+        kept_out += left_out;
+      }
+    }
+    joining += join;
   }
-  const bool shrinks = idle > 0 && 4 * idle >= active;
+  if (kept_out > 0)
+    kept_out_share_ = std::max(kept_out_share_, static_cast<double>(kept_out) / static_cast<double>(all_blocks));
+  const bool shrinks = idle > 0 && (is_full || 4 * idle >= active);
   for (std::size_t r = 0; r < blocks_.size() && !shrinks; ++r)
     for (std::uint32_t block : blocks_[r].active()) wanted[r][block] = 1;
   return joining > 0 || shrinks;
@@ -223,6 +289,8 @@ Revision WorkingSet<Dim, T>::revise(MinimiserState<T>& state) {
     reshape(before, pair.y);
   }
   fetch_gradients(before, state);
+  for (FirstOrder& first : first_)
+    if (has_all_blocks(first)) first.gradient = {};  // from here on it is in the optimiser's vectors
   for (std::size_t s = 0; s < scales_.size(); ++s) {
     if (looked[s].empty()) continue;
     pick_elements<Dim>(looked[s], oriented_[s].gradient.data(), oriented_[s].active,

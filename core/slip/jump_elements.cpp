@@ -26,16 +26,23 @@ void add_faces(const MomentumScale<Dim, T>& scale, const T* field, int axis, dou
   };
   double largest = 0;
   for (std::size_t site = 0; site < lattice.sites(); ++site) largest = std::max(largest, strength_at(site).norm());
-  for (int slab = 0; slab < lattice.size[Dim - 1]; ++slab)
-    visit_slab<Dim>(lattice, slab, [&](const Index<Dim>& index, std::size_t site) {
-      const Vector<Dim> strength = strength_at(site);
-      // Beyond the last sample there is no face, whatever stands there.
-      if (index[axis] + 1 >= lattice.size[axis] || !(strength.norm() > kLeastShare * largest)) return;
-      Vector<Dim> at;
-      for (int a = 0; a < Dim; ++a)
-        at[a] = lattice.offset[a] + (index[a] + (a == axis ? 0.5 : 0.0)) * lattice.spacing[a];
-      elements.push_back({at, Vector<Dim>::Unit(axis), strength});
-    });
+  const auto visit_elements = [&](const auto& visit) {
+    for (int slab = 0; slab < lattice.size[Dim - 1]; ++slab)
+      visit_slab<Dim>(lattice, slab, [&](const Index<Dim>& index, std::size_t site) {
+        const Vector<Dim> strength = strength_at(site);
+        // Beyond the last sample there is no face, whatever stands there.
+        if (index[axis] + 1 < lattice.size[axis] && strength.norm() > kLeastShare * largest) visit(index, strength);
+      });
+  };
+  // Where all momenta take part they are most of what is held at the end: no larger than they have to be.
+  std::size_t count = 0;
+  visit_elements([&](const Index<Dim>&, const Vector<Dim>&) { ++count; });
+  elements.reserve(count);
+  visit_elements([&](const Index<Dim>& index, const Vector<Dim>& strength) {
+    Vector<Dim> at;
+    for (int a = 0; a < Dim; ++a) at[a] = lattice.offset[a] + (index[a] + (a == axis ? 0.5 : 0.0)) * lattice.spacing[a];
+    elements.push_back({at, Vector<Dim>::Unit(axis), strength});
+  });
 }
 
 template <int Dim, class T>

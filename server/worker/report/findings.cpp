@@ -100,6 +100,23 @@ Finding interface_finding(const ReportInput<Dim>& input, const Analysis<Dim>& an
               " mm (median) from voxel to voxel. Where tissue slides there, --model sliding lets it."};
 }
 
+/// Where first-order momenta wanted to be in more blocks than may be active.
+std::vector<Finding> bound_findings(const RegistrationSummary& summary, const RegistrationOptions& used) {
+  std::string where;
+  double most = 0;
+  for (const LevelSummary& level : summary.levels) {
+    if (!(level.kept_out_share > 0)) continue;
+    where += (where.empty() ? "level " : ", level ") + std::to_string(level.level);
+    most = std::max(most, level.kept_out_share);
+  }
+  if (where.empty()) return {};
+  return {{Verdict::Look, "First-order momenta wanted to be in more places than may hold them (most_active_share, " +
+                              percentage(used.momenta.most_active_share) + "): " + where + ", up to " +
+                              percentage(most) +
+                              " of all more. Those that pull hardest are there. A larger share lets in the others and "
+                              "takes more memory; a larger sparsity asks for fewer."}};
+}
+
 std::vector<Finding> level_findings(const RegistrationSummary& summary) {
   std::vector<Finding> found;
   std::string unfinished;
@@ -146,6 +163,7 @@ std::vector<Finding> findings(const ReportInput<Dim>& input, const Analysis<Dim>
                                       " of the fixed image lies beyond the moving image after the motion; there the "
                                       "moving image's border is all there is to compare with."});
   for (const Finding& finding : level_findings(summary)) all.push_back(finding);
+  for (const Finding& finding : bound_findings(summary, input.result->options)) all.push_back(finding);
   if (const double voxel = input.input->fixed.grid.spacing.minCoeff();
       summary.inverse_consistency_mm > inverse_in_voxels * voxel)
     all.push_back({Verdict::Look, "There and back again ends " + number(summary.inverse_consistency_mm) +

@@ -100,6 +100,7 @@ Json describe(const LevelSummary& level) {
     json["first_order_momenta"] = {{"let_in", level.decision == FirstOrderDecision::LetIn},
                                    {"promised_gain", level.first_order_gain},
                                    {"promised_shear", level.first_order_shear}};
+  if (level.kept_out_share > 0) json["kept_out_block_share"] = level.kept_out_share;
   if (level.map_error_mm > 0) json["map_error_mm"] = level.map_error_mm;
   if (level.oblique_share > 0)
     json["oriented_momenta"] = {{"elements", level.oriented_elements}, {"oblique_share", level.oblique_share}};

@@ -114,6 +114,7 @@ TEST(MemoryEstimate, IsABoundWithManyOrientedMomenta) {
   one.options.momenta.first_order_shear = 0;
   one.options.momenta.oblique_share = 0;
   one.options.momenta.sparsity = 1e-3;
+  one.options.momenta.most_active_share = 1;
   one.options.optimisation.max_iterations = one.options.optimisation.history + 2;
   LevelSummary finest;
   const double used = one.used_mib(&finest);
@@ -121,6 +122,25 @@ TEST(MemoryEstimate, IsABoundWithManyOrientedMomenta) {
   EXPECT_GT(finest.oriented_elements,
             static_cast<int>(one.input.fixed.samples.size() / 5) / 9);  // each stands for nine
   EXPECT_LE(used, one.declared_mib());
+}
+
+// Of what wants to be active a third may, the strongest; the estimate falls with what is then in use.
+TEST(MemoryEstimate, IsABoundWhereFewMayBeActive) {
+  Case all(Model::Sliding);
+  all.options.momenta.sparsity = 1e-3;
+  all.options.optimisation.max_iterations = all.options.optimisation.history + 2;
+  all.options.optimisation.tolerance = all.options.optimisation.optimality_tolerance = 0;
+  Case few = all;
+  few.options.momenta.most_active_share = 1.0 / 3;
+  LevelSummary of_all, of_few;
+  const double used_all = all.used_mib(&of_all), used_few = few.used_mib(&of_few);
+  EXPECT_GT(of_all.active_block_share, 0.9);
+  EXPECT_EQ(of_all.kept_out_share, 0);
+  EXPECT_LE(of_few.active_block_share, 1.0 / 3);
+  EXPECT_GT(of_few.kept_out_share, 0.5);
+  EXPECT_LE(used_few, few.declared_mib());
+  EXPECT_LT(few.declared_mib(), 0.8 * all.declared_mib());
+  EXPECT_LT(used_few, 0.8 * used_all);
 }
 
 // It is declared for all blocks and all pairs of the optimiser; what a checkpoint would take is not in use here.
