@@ -13,15 +13,11 @@
 namespace saltus {
 namespace {
 
-/// Of that share of all blocks of a scale's order-1 fields: how many sites of these there are at most. Blocks at the
-/// border have fewer sites than others.
+/// How many sites the active blocks of a scale's order-1 fields have at most.
 template <int Dim>
-double most_active_sites(const Lattice<Dim>& lattice, int fields, double share) {
-  std::size_t blocks = static_cast<std::size_t>(fields);
-  for (int axis = 0; axis < Dim; ++axis)
-    blocks *= static_cast<std::size_t>((lattice.size[axis] + kBlockEdge - 1) / kBlockEdge);
+double most_active_sites(const Lattice<Dim>& image, const Lattice<Dim>& lattice, int fields, double share) {
   return std::min(static_cast<double>(fields) * static_cast<double>(lattice.sites()),
-                  static_cast<double>(most_active_blocks(share, blocks)) * std::pow(kBlockEdge, Dim));
+                  static_cast<double>(most_active_blocks(image, share)) * std::pow(kBlockEdge, Dim));
 }
 
 }  // namespace
@@ -92,7 +88,8 @@ std::size_t memory_estimate(const ImageGrid<Dim>& fixed, const ImageGrid<Dim>& m
       const double sites = static_cast<double>(lattice.sites());
       const bool is_directional = options.model == Model::Directional;
       const int fields = is_directional ? 1 : Dim;
-      const double active = m.sparsity > 0 ? most_active_sites(lattice, fields, m.most_active_share) : fields * sites;
+      const double active =
+          m.sparsity > 0 ? most_active_sites(image, lattice, fields, m.most_active_share) : fields * sites;
       unknowns += Dim * active;
       const std::size_t widths = std::max<std::size_t>(1, m.first_order_kernel_widths.size());
       kept += Dim * sites * vector +

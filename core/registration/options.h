@@ -77,9 +77,9 @@ struct RegistrationOptions {
     double oblique_share = 0;        ///< of an interface must be oblique for oriented momenta to begin
     double oriented_sparsity = 0.4;  ///< lambda of oriented momenta, as a share of `sparsity`
     bool first_order_waits = false;  ///< on each level order 0 settles before first-order momenta appear
-    /// Of the blocks that the first-order fields of a scale have (momenta/block_set.h), so large a share is active at
-    /// most where they are sparse; of more that want to join those do that pull hardest. 0: what suits model and
-    /// dimension.
+    /// So many blocks of a scale's first-order fields are active at most, where they are sparse, as a share of those
+    /// that there are at full resolution (momenta/block_set.h); of more that want to join those do that pull hardest.
+    /// 0: what suits model and dimension.
     double most_active_share = 1;
     bool shear_only = false;  ///< drop component i of m_i, so that a jump can only slide
   } momenta;

@@ -342,10 +342,11 @@ const std::vector<Parameter>& parameters() {
           "on each level let order 0 settle before first-order momenta appear, so that they are few",
           [](O & o) -> auto& { return o.momenta.first_order_waits; }),
       real_or_zero(
-          "most_active_share", "of the blocks of 4 sites a side", 0.01, 1,
-          "so many blocks of a scale's first-order momenta are active at most, where there is sparsity, which bounds "
-          "the "
-          "memory; of more that want to be those that pull hardest are; 0: all, with model auto in 3-D half of them",
+          "most_active_share", "of the blocks at full resolution", 0.01, 1,
+          "where there is sparsity, a scale's first-order momenta are in so many blocks of 4 sites a side at most, "
+          "which "
+          "bounds the memory; where more want to be those are that pull hardest; 0: all, with model auto in 3-D three "
+          "quarters",
           [](O & o) -> auto& { return o.momenta.most_active_share; }),
       boolean(
           "shear_only", "leave out the component of m_i along axis i, so that a jump can only slide",

@@ -56,7 +56,7 @@ struct LevelSummary {
   double energy_after = 0;
   Termination termination = Termination::Converged;
   double active_block_share = 0;  ///< at the end: blocks of first-order momenta that were stored, of all there are
-  double kept_out_share = 0;      ///< the most of all blocks that momenta.most_active_share had no room for at a time
+  double kept_out_share = 0;      ///< most of all blocks that momenta.most_active_share had no room for at a time
   FirstOrderDecision decision = FirstOrderDecision::None;
   double first_order_gain = 0, first_order_shear = 0;  ///< what it rests on, see FirstOrderPromise
   int oriented_elements = 0;                           ///< at the end: active oriented momenta

@@ -116,8 +116,8 @@ RegistrationOptions resolved(const RegistrationOptions& options, const Lattice<D
                      o.flow.evolution == Evolution::Carried;
     o.momenta.orientations = can ? (Dim == 2 ? 8 : 9) : 0;
   }
-  // Far more than it takes where things slide (core/README.md, "Memory").
-  if (o.momenta.most_active_share == 0) o.momenta.most_active_share = o.model == Model::Auto && Dim == 3 ? 0.5 : 1;
+  // No more were wanted at full resolution in any 3-D images that slide (core/README.md, "Memory").
+  if (o.momenta.most_active_share == 0) o.momenta.most_active_share = o.model == Model::Auto && Dim == 3 ? 0.75 : 1;
   if (o.momenta.width_voxels == 0) {
     o.momenta.width_voxels = 6;
     if (is_zeroth_gaussian(o.model) && o.similarity != SimilarityType::Ssd && o.momenta.kernel_widths.empty()) {

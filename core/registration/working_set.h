@@ -11,6 +11,7 @@
 
 #include <algorithm>
 #include <cstdint>
+#include <limits>
 #include <memory>
 #include <vector>
 
@@ -27,9 +28,12 @@ struct FirstOrderPromise {
   double shear = 0;
 };
 
-/// How many of the blocks of a scale's order-1 fields, `blocks` together, may be active: a share of them, one at least.
-inline std::size_t most_active_blocks(double share, std::size_t blocks) {
-  return std::max<std::size_t>(1, static_cast<std::size_t>(share * static_cast<double>(blocks)));
+/// How many blocks of its order-1 fields a scale may have active: a share of those that a scale of Dim fields with the
+/// image's own lattice has, one at least. Scales that are coarser have fewer and cost little.
+template <int Dim>
+std::size_t most_active_blocks(const Lattice<Dim>& image, double share) {
+  const auto blocks = static_cast<double>(Dim * BlockSet<Dim>::none(image).blocks());
+  return std::max<std::size_t>(1, static_cast<std::size_t>(share * blocks));
 }
 
 /// Which momenta there are and where they lie in x, the vector that is optimised. x holds, scale by scale, the order-0
@@ -76,8 +80,8 @@ class WorkingSet {
   void set_active_elements(const std::vector<std::vector<std::uint32_t>>& active);
   /// Active share of all blocks of all order-1 fields; 0 where there are none.
   double active_block_share() const;
-  /// Lets no more than most_active_blocks of this share join a scale's, where there is sparsity. 1 unless said.
-  void bound_active(double share) { most_active_share_ = share; }
+  /// Lets blocks join only while a scale has no more than so many, where there is sparsity. No bound unless said.
+  void bound_active(std::size_t blocks) { most_active_ = blocks; }
   /// The most of all blocks that wanted to join at a look and had no room; 0 where all had.
   double kept_out_share() const { return kept_out_share_; }
 
@@ -188,7 +192,8 @@ class WorkingSet {
   std::vector<GroupSparsity> sparsity_;
   std::size_t size_ = 0;
   double oblique_share_ = 0, least_oblique_share_ = 0;
-  double most_active_share_ = 1, kept_out_share_ = 0;
+  std::size_t most_active_ = std::numeric_limits<std::size_t>::max();  ///< of a scale
+  double kept_out_share_ = 0;
   bool shear_only_ = false;
   bool lets_blocks_join_ = true, looks_everywhere_ = true;
 };

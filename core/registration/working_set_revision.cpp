@@ -152,7 +152,7 @@ bool WorkingSet<Dim, T>::wanted_blocks(MinimiserState<T>& state, std::vector<std
   bool is_full = false;
   for (std::size_t s = 0; s < scales_.size(); ++s) {
     const FirstOrder& first = first_[s];
-    std::size_t there = 0, stay = 0, join = 0, blocks_of_scale = 0;  // of this scale
+    std::size_t there = 0, stay = 0, join = 0;  // of this scale
     for (int field = 0; field < first.fields; ++field) {
       const std::size_t r = first.range + field;
       const GroupSparsity& range = sparsity_[r];
@@ -183,16 +183,14 @@ bool WorkingSet<Dim, T>::wanted_blocks(MinimiserState<T>& state, std::vector<std
       there += blocks.active().size();
       stay += staying;
       join += all - staying;
-      blocks_of_scale += count;
+      all_blocks += count;
     }
     active += there;
     idle += there - stay;
-    all_blocks += blocks_of_scale;
-    const std::size_t most = most_active_blocks(most_active_share_, blocks_of_scale);
-    if (join > 0 && there + join > most) {
+    if (join > 0 && there + join > most_active_ && sparsity_[first.range].weight > 0) {
       is_full = true;  // those that are 0 and want to stay so make room
-      if (stay + join > most) {
-        const std::size_t left_out = keep_out(s, most - std::min(most, stay), state.gradient, wanted);
+      if (stay + join > most_active_) {
+        const std::size_t left_out = keep_out(s, most_active_ - std::min(most_active_, stay), state.gradient, wanted);
         join -= left_out;
         kept_out += left_out;
       }

@@ -51,6 +51,7 @@ std::string measured_from(const std::string& name, const ReportInput<Dim>& input
                                        : "of the scales of order 1 alone") +
            ", from the model and the similarity";
   }
+  if (name == "most_active_share") return "from the model and the dimension; it bounds the memory that a job declares";
   if (name == "kernel_widths") return "from the model, the similarity and the noise on the finest level";
   if (name == "regularisation" ||
       (name.starts_with("first_order_") && (name.ends_with("gain") || name.ends_with("shear"))))

@@ -4,6 +4,7 @@
 #include <omp.h>
 
 #include <cmath>
+#include <limits>
 
 #include "core/optimisation/lbfgs.h"
 #include "core/registration/matching_objective.h"
@@ -247,6 +248,117 @@ TEST(ActiveBlockLists, StayAsTheyAreWhileFirstOrdersWait) {
     minimise<float>(objective, iterations(12), x, go_on);
     EXPECT_EQ(objective.working_set().active_block_share() > 0, round.lets_blocks_join);
   }
+}
+
+/// The largest pull in each block of an order-1 field, as a multiple of the weight.
+template <int Dim>
+std::vector<double> pulls_of(const Lattice<Dim>& lattice, const GroupSparsity& range, const double* gradient) {
+  const auto all = BlockSet<Dim>::all(lattice);
+  std::vector<double> pulls(all.blocks());
+  for (std::size_t block = 0; block < pulls.size(); ++block)
+    all.any_site(block, [&](std::size_t site) {
+      double square = 0;
+      for (int k = 0; k < Dim; ++k) square += std::pow(gradient[Dim * site + k], 2);
+      pulls[block] = std::max(pulls[block], std::sqrt(square) / range.weight_of(site));
+      return false;
+    });
+  return pulls;
+}
+
+// Oracle: the gradient at 0 with all blocks in use. With `factors` weights differ from site to site.
+void expect_the_strongest_to_join(bool factors) {
+  constexpr std::size_t most = 12;
+  Scene<2, double> scene(Model::Sliding);
+  auto dense = scene.objective(1e-3), bound = scene.objective(1e-3);
+  for (auto* objective : {&dense, &bound})
+    if (factors) objective->working_set().restore_weights({}, mixed_factors(scene));
+  std::vector<double> zero(dense.size(), 0.0), gradient(dense.size()), ignored(dense.size());
+  dense.evaluate(zero, gradient, ignored);
+  bound.working_set().set_active_blocks({});
+  bound.working_set().bound_active(most);
+  if (factors) bound.working_set().restore_weights({}, mixed_factors(scene));
+  std::vector<double> x(bound.size(), 0.0);
+  minimise<double>(bound, iterations(0), x, go_on);
+
+  const auto active = bound.working_set().active_blocks();
+  std::size_t range = 0, kept_out = 0, all = 0;
+  for (MomentumScale<2, double>* scale : scene.scales) {
+    if (!scale->has_first_order()) continue;
+    double least_in = std::numeric_limits<double>::infinity(), most_out = 0;
+    std::size_t in = 0, blocks = 0;
+    for (int field = 0; field < 2; ++field, ++range) {
+      const GroupSparsity& groups = dense.sparsity()[range];
+      const std::vector<double> pulls = pulls_of<2>(scale->lattice(), groups, gradient.data() + groups.begin);
+      std::vector<char> is_in(pulls.size(), 0);
+      for (std::uint32_t block : active[range]) is_in[block] = 1;
+      for (std::size_t block = 0; block < pulls.size(); ++block) {
+        kept_out += !is_in[block] && pulls[block] > 1;
+        if (is_in[block])
+          least_in = std::min(least_in, pulls[block]);
+        else
+          most_out = std::max(most_out, pulls[block]);
+      }
+      in += active[range].size();
+      blocks += pulls.size();
+    }
+    EXPECT_EQ(in, most);
+    EXPECT_GT(least_in, 1);
+    EXPECT_GT(most_out, 1);
+    EXPECT_GE(least_in, most_out);
+    all += blocks;
+  }
+  EXPECT_GT(kept_out, 0u);
+  EXPECT_DOUBLE_EQ(bound.working_set().kept_out_share(), static_cast<double>(kept_out) / static_cast<double>(all));
+}
+
+TEST(BoundBlocks, AreThoseThatPullHardest) { expect_the_strongest_to_join(false); }
+TEST(BoundBlocks, AreThoseThatPullHardestForTheirWeight) { expect_the_strongest_to_join(true); }
+
+TEST(BoundBlocks, StayWithinTheirBoundWhileOthersTakeTheirPlace) {
+  Scene<2, double> scene(Model::Sliding);
+  auto objective = scene.objective(3e-3);
+  objective.working_set().set_active_blocks({});
+  objective.working_set().bound_active(12);
+  std::vector<double> x(objective.size(), 0.0);
+  const auto active_within_bound = [&] {
+    const auto active = objective.working_set().active_blocks();
+    for (std::size_t range = 0, s = 0; s < scene.scales.size(); ++s) {
+      if (!scene.scales[s]->has_first_order()) continue;
+      EXPECT_LE(active[range].size() + active[range + 1].size(), 12u);
+      range += 2;
+    }
+    return active;
+  };
+  double energy = std::numeric_limits<double>::infinity();
+  std::vector<std::vector<std::vector<std::uint32_t>>> seen;
+  minimise<double>(objective, iterations(120), x, [&](const MinimiseStep& step) {
+    EXPECT_LT(step.energy, energy);
+    energy = step.energy;
+    seen.push_back(active_within_bound());
+    return true;
+  });
+  active_within_bound();
+  EXPECT_NE(seen.front(), seen.back());
+  EXPECT_GT(objective.working_set().kept_out_share(), 0);
+}
+
+// 35 x 33 sites are 9 x 9 blocks.
+TEST(BoundBlocks, AreCountedAtFullResolution) {
+  const Scene<2, float> scene(Model::Sliding);
+  EXPECT_EQ(most_active_blocks(scene.level.lattice, 1), 162u);
+  EXPECT_EQ(most_active_blocks(scene.level.lattice, 0.1), 16u);
+  EXPECT_EQ(most_active_blocks(scene.level.lattice, 1e-3), 1u);
+}
+
+TEST(BoundBlocks, AreAllWithoutSparsity) {
+  Scene<2, float> scene(Model::Sliding);
+  auto objective = scene.objective(0);
+  objective.working_set().bound_active(12);
+  objective.working_set().set_active_blocks({});
+  std::vector<float> x(objective.size(), 0.0f);
+  minimise<float>(objective, iterations(3), x, go_on);
+  EXPECT_EQ(objective.working_set().active_block_share(), 1);
+  EXPECT_EQ(objective.working_set().kept_out_share(), 0);
 }
 
 TEST(ActiveBlockLists, AreRefusedWhereTheyDoNotFit) {

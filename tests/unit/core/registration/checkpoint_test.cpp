@@ -142,6 +142,16 @@ TEST(Checkpoint, ResumesWhereFirstOrdersHaveWaitedWithTheSameEnd) {
   resumes_anywhere<2>(plane(), options);
 }
 
+// What was kept out before the checkpoint counts, too.
+TEST(Checkpoint, ResumesWhereBlocksAreKeptOutWithTheSameEnd) {
+  RegistrationOptions options = quick(SimilarityType::Lncc);
+  options.momenta.sparsity = 1e-3;
+  options.momenta.most_active_share = 0.05;
+  const RegistrationResult<2> whole = register_images<2>(plane(), options);
+  ASSERT_GT(whole.summary.levels.back().kept_out_share, 0);
+  resumes_anywhere<2>(plane(), options);
+}
+
 // Where first orders are asked for after order 0 alone, and let in: after it, or from where the level began.
 TEST(Checkpoint, ResumesWhereFirstOrdersWereAskedForWithTheSameEnd) {
   for (SimilarityType similarity : {SimilarityType::Lncc, SimilarityType::Ssd})

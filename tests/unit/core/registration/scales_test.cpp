@@ -68,6 +68,10 @@ TEST(ResolvedOptions, AskOfFirstOrdersWhatWasMeasured) {
       EXPECT_GT(deep.first_order_shear, flat.first_order_shear);
     }
   }
+  EXPECT_EQ(resolved(automatic(SimilarityType::Lncc), plane(1)).momenta.most_active_share, 1);
+  EXPECT_EQ(resolved(automatic(SimilarityType::Lncc), block(1)).momenta.most_active_share, 0.75);
+  const RegistrationOptions sliding = default_options(Model::Sliding, SimilarityType::Lncc, Preset::Balanced);
+  EXPECT_EQ(resolved(sliding, block(1)).momenta.most_active_share, 1);
   RegistrationOptions asked = automatic(SimilarityType::Ssd);
   asked.momenta.first_order_gain = 5;
   asked.momenta.first_order_shear = 0.25;

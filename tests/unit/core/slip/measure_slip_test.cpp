@@ -207,11 +207,14 @@ TEST(MeasureSlip, FindsTheInterfaceOfARegisteredCircle) {
   expect_the_interface(Slip(InterfaceShape::Circle, 0, 8), 2 * std::numbers::pi * 0.28 * 96);
 }
 
-// Nothing but momenta along the axes, whose jumps are steps.
+// Nothing but momenta along the axes, whose jumps are steps. Where the images end these may go on along the border: the
+// width of a kernel beside it is left out.
 TEST(MeasureSlip, FindsALineThatAxisAlignedMomentaMadeOfSteps) {
   const Slip slip(InterfaceShape::Line, 30, 0);
   SlipSurface<2> main = slip.found.slip;
-  std::erase_if(main.points, [&](const SlipPoint<2>& point) { return point.part > 0; });
+  std::erase_if(main.points, [&](const SlipPoint<2>& point) {
+    return point.part > 0 || point.position.minCoeff() < 6 || point.position.maxCoeff() > 95 - 6;
+  });
   const Errors<2> found = slip.errors(main);
   EXPECT_LT(found.off, 1.0);
   EXPECT_LT(found.tilt, 0.3);

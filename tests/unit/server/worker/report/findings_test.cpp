@@ -96,6 +96,14 @@ TEST(Findings, TellHowLevelsEnded) {
   EXPECT_THAT(findings_of(scene), Contains(finding(Verdict::Look, "level 1 (iteration limit)")));
 }
 
+TEST(Findings, TellWhereFirstOrdersWereKeptOut) {
+  ReportScene<2> scene(3);
+  EXPECT_THAT(findings_of(scene), Not(Contains(finding(Verdict::Look, "most_active_share"))));
+  scene.result.options.momenta.most_active_share = 0.25;
+  scene.result.summary.levels[0].kept_out_share = 0.12;
+  EXPECT_THAT(findings_of(scene), Contains(finding(Verdict::Look, "(most_active_share, 25 %): level 1, up to 12 %")));
+}
+
 TEST(Findings, CarryTheNoticesAndAnIncreaseOfDissimilarity) {
   ReportScene<2> scene(3);
   scene.result.summary.notices = {"fixed image is 7 everywhere"};

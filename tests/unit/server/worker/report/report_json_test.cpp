@@ -60,6 +60,13 @@ TEST(ReportJson, TellsWhatALevelDecidedOnFirstOrderMomenta) {
   }
 }
 
+TEST(ReportJson, TellsHowManyBlocksWereKeptOut) {
+  ReportScene<2> scene(3);
+  EXPECT_FALSE(json::parse(json_of(scene.report))["levels"][0].contains("kept_out_block_share"));
+  scene.result.summary.levels[0].kept_out_share = 0.125;
+  EXPECT_EQ(json::parse(json_of(scene.report))["levels"][0]["kept_out_block_share"], 0.125);
+}
+
 TEST(ReportJson, TellsHowManyOrientedMomentaALevelHasAndWhy) {
   ReportScene<2> scene(3);
   EXPECT_FALSE(json::parse(json_of(scene.report))["levels"][0].contains("oriented_momenta"));
