@@ -15,7 +15,7 @@ namespace {
 
 constexpr char kMagic[8] = {'S', 'A', 'L', 'T', 'U', 'S', 'C', 'P'};
 /// To be raised with every change of what is stored or of what is computed from it.
-constexpr std::uint32_t kVersion = 20;
+constexpr std::uint32_t kVersion = 21;
 
 struct Header {
   char magic[8];
@@ -147,8 +147,10 @@ template <class Stream, class State>
 void transfer(Stream& stream, State& at) {
   stream(at.step);
   transfer_level(stream, at.level);
-  stream(at.is_beyond_noise);
   stream(at.level_start);
+  stream(at.is_beyond_noise);
+  stream(at.noise_floor);
+  stream(at.noise_floor_energy);
   stream(at.optimality_reference);
   stream.list(at.sparsity_factors, [](auto& s, auto& factors) { s(factors); });
   stream.list(at.active_blocks, [](auto& s, auto& blocks) { s(blocks); });
