@@ -164,6 +164,11 @@ struct Strips {
   std::size_t all() const {
     return outer * of_slab<T>();
   }
+  /// Where a strip begins.
+  template <class T>
+  std::size_t offset(std::size_t strip) const {
+    return strip / of_slab<T>() * count * inner + strip % of_slab<T>() * kStripLanes<T>;
+  }
 };
 
 /// The same along another axis, whose lines are `inner` apart from value to value and side by side.
@@ -175,10 +180,9 @@ void convolve_strip(const Strips& all, std::size_t number, const MirroredTaps<T>
                     StripScratch<T>& scratch) {
   constexpr std::size_t lanes = kStripLanes<T>, register_lanes = kRegisterLanes<T>, block = kRowsAtOnce;
   const std::size_t reach = taps.reach(), count = all.count, inner = all.inner;
-  const std::size_t slab = number / all.of_slab<T>(), first_lane = number % all.of_slab<T>() * lanes;
-  const std::size_t width = at_most(lanes, inner, first_lane);
-  const T* from = in + slab * count * inner + first_lane;
-  T* to = out + slab * count * inner + first_lane;
+  const std::size_t width = at_most(lanes, inner, number % all.of_slab<T>() * lanes);
+  const T* from = in + all.offset<T>(number);
+  T* to = out + all.offset<T>(number);
   T* rows = scratch.rows;
   for (std::size_t row = 0; row < count; ++row) {
     if (width == lanes)
@@ -194,8 +198,18 @@ void convolve_strip(const Strips& all, std::size_t number, const MirroredTaps<T>
   // Whole registers of whole blocks go where they belong, others by way of `sums`.
   const std::size_t whole = (end - begin) / block * block, wide = width / register_lanes * register_lanes;
   const auto step = static_cast<std::ptrdiff_t>(lanes);
-  sum_mirrored<T>(taps, {static_cast<int>(whole / block), static_cast<int>(wide / register_lanes), rows + begin * lanes,
-                         step, to + begin * inner, static_cast<std::ptrdiff_t>(inner), adds});
+  // What the next strip reads is fetched meanwhile, as many rows at a time as make them all: no machine foresees rows
+  // that are so far apart.
+  const bool is_last = number + 1 == all.all<T>();
+  const T* soon = in + (is_last ? 0 : all.offset<T>(number + 1));
+  std::size_t left = is_last ? 0 : count;
+  const std::size_t at_once = whole > 0 ? (count * block + whole - 1) / whole : 0;
+  for (std::size_t row = begin; row < begin + whole; row += block) {
+    for (std::size_t k = std::min(at_once, left); k-- > 0; --left, soon += inner)
+      for (std::size_t i = 0; i < lanes; i += 64 / sizeof(T)) __builtin_prefetch(soon + i, 0, 2);
+    sum_mirrored<T>(taps, {1, static_cast<int>(wide / register_lanes), rows + row * lanes, step, to + row * inner,
+                           static_cast<std::ptrdiff_t>(inner), adds});
+  }
   T* sums = scratch.sums.data();
   for (std::size_t row = begin; row < end; row += block) {
     const std::size_t done = row < begin + whole ? wide : 0,

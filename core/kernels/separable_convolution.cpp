@@ -6,12 +6,15 @@
 #include "core/support/thread_count.h"
 
 #include <algorithm>
+#include <stdexcept>
 
 namespace saltus {
 
 template <int Dim, class T>
 void convolve_axis(const Lattice<Dim>& lattice, int channels, int axis, const AxisTaps<T>& taps, Combine combine,
                    const T* in, T* out) {
+  if (in == out && taps.parts().size() > 1)
+    throw std::logic_error("a field cannot take the place of itself where a row is no mirror image");
   const std::size_t count = static_cast<std::size_t>(lattice.size[axis]);
   std::size_t inner = static_cast<std::size_t>(channels), outer = 1;
   for (int a = 0; a < axis; ++a) inner *= static_cast<std::size_t>(lattice.size[a]);
