@@ -141,7 +141,7 @@ void convolve_lines(const Lines& all, const MirroredTaps<T>& taps, bool adds, bo
 
 /// Lanes of a strip of lines along another axis than x.
 template <class T>
-constexpr std::size_t kStripLanes = 512 / sizeof(T);
+constexpr std::size_t kStripLanes = kStripStep<T>;
 
 /// What a thread works with along another axis, for any number of strips: the strip's rows, between zeros as far as
 /// taps reach, and sums.
