@@ -6,6 +6,8 @@
 #include "core/support/registers.h"
 
 #include <algorithm>
+#include <atomic>
+#include <cstdint>
 #include <cstring>
 
 namespace saltus {
@@ -22,6 +24,9 @@ bool is_all_zero(const T* values, std::size_t count) {
   }
   return true;
 }
+
+/// A field of more bytes than this has left the caches by the time it is read again.
+constexpr std::size_t kFarBytes = 4 << 20;
 
 /// Of what is left of `all` from `first` on, at most `most`.
 inline std::size_t at_most(std::size_t most, std::size_t all, std::size_t first) { return std::min(most, all - first); }
@@ -136,7 +141,7 @@ void convolve_lines(const Lines& all, const MirroredTaps<T>& taps, bool adds, bo
 
 /// Lanes of a strip of lines along another axis than x.
 template <class T>
-constexpr std::size_t kStripLanes = 512 / sizeof(T);
+constexpr std::size_t kStripLanes = kStripStep<T>;
 
 /// What a thread works with along another axis, for any number of strips: the strip's rows, between zeros as far as
 /// taps reach, and sums.
@@ -164,21 +169,25 @@ struct Strips {
   std::size_t all() const {
     return outer * of_slab<T>();
   }
+  /// Where a strip begins.
+  template <class T>
+  std::size_t offset(std::size_t strip) const {
+    return strip / of_slab<T>() * count * inner + strip % of_slab<T>() * kStripLanes<T>;
+  }
 };
 
 /// The same along another axis, whose lines are `inner` apart from value to value and side by side.
 /// Neighbouring lines form strips that the second cache holds; they are copied there once, since rows that are a power
-/// of two apart would drive each other out, and sums go straight to `out`. What is 0 at their ends is passed over. One
-/// strip; `out` may be `in`.
+/// of two apart would drive each other out, and sums go straight to `out`, past the caches if it `is_far`. What is 0 at
+/// their ends is passed over. One strip; `out` may be `in`.
 template <class T>
-void convolve_strip(const Strips& all, std::size_t number, const MirroredTaps<T>& taps, bool adds, const T* in, T* out,
-                    StripScratch<T>& scratch) {
+void convolve_strip(const Strips& all, std::size_t number, const MirroredTaps<T>& taps, bool adds, bool is_far,
+                    const T* in, T* out, StripScratch<T>& scratch) {
   constexpr std::size_t lanes = kStripLanes<T>, register_lanes = kRegisterLanes<T>, block = kRowsAtOnce;
   const std::size_t reach = taps.reach(), count = all.count, inner = all.inner;
-  const std::size_t slab = number / all.of_slab<T>(), first_lane = number % all.of_slab<T>() * lanes;
-  const std::size_t width = at_most(lanes, inner, first_lane);
-  const T* from = in + slab * count * inner + first_lane;
-  T* to = out + slab * count * inner + first_lane;
+  const std::size_t width = at_most(lanes, inner, number % all.of_slab<T>() * lanes);
+  const T* from = in + all.offset<T>(number);
+  T* to = out + all.offset<T>(number);
   T* rows = scratch.rows;
   for (std::size_t row = 0; row < count; ++row) {
     if (width == lanes)
@@ -194,9 +203,31 @@ void convolve_strip(const Strips& all, std::size_t number, const MirroredTaps<T>
   // Whole registers of whole blocks go where they belong, others by way of `sums`.
   const std::size_t whole = (end - begin) / block * block, wide = width / register_lanes * register_lanes;
   const auto step = static_cast<std::ptrdiff_t>(lanes);
-  sum_mirrored<T>(taps, {static_cast<int>(whole / block), static_cast<int>(wide / register_lanes), rows + begin * lanes,
-                         step, to + begin * inner, static_cast<std::ptrdiff_t>(inner), adds});
   T* sums = scratch.sums.data();
+  // What is read anyhow is better written where it then lies.
+  const bool passes_caches = is_far && !adds && in != out && inner % register_lanes == 0 &&
+                             reinterpret_cast<std::uintptr_t>(to) % kRegisterBytes == 0;
+  // What the next strip reads is fetched meanwhile, as many rows at a time as make them all: no machine foresees rows
+  // that are so far apart.
+  const bool is_last = number + 1 == all.all<T>();
+  const T* soon = in + (is_last ? 0 : all.offset<T>(number + 1));
+  std::size_t left = is_last ? 0 : count;
+  const std::size_t at_once = whole > 0 ? (count * block + whole - 1) / whole : 0;
+  for (std::size_t row = begin; row < begin + whole; row += block) {
+    for (std::size_t k = std::min(at_once, left); k-- > 0; --left, soon += inner)
+      for (std::size_t i = 0; i < lanes; i += 64 / sizeof(T)) __builtin_prefetch(soon + i, 0, 2);
+    const auto registers = static_cast<int>(wide / register_lanes);
+    if (!passes_caches) {
+      sum_mirrored<T>(
+          taps, {1, registers, rows + row * lanes, step, to + row * inner, static_cast<std::ptrdiff_t>(inner), adds});
+      continue;
+    }
+    sum_mirrored<T>(taps, {1, registers, rows + row * lanes, step, sums, step, false});
+    for (std::size_t r = 0; r < block; ++r)
+      for (std::size_t i = 0; i < wide; i += register_lanes)
+        store_far<T>(load(sums + r * lanes + i), to + (row + r) * inner + i);
+  }
+  if (passes_caches) std::atomic_thread_fence(std::memory_order_seq_cst);
   for (std::size_t row = begin; row < end; row += block) {
     const std::size_t done = row < begin + whole ? wide : 0,
                       registers = (width - done + register_lanes - 1) / register_lanes;
@@ -216,8 +247,10 @@ void convolve_strips(const Strips& all, const MirroredTaps<T>& taps, bool adds, 
 #pragma omp parallel if (in_parallel)
   {
     StripScratch<T> scratch(all.count, taps.reach());
+    const bool is_far = all.outer * all.count * all.inner * sizeof(T) > kFarBytes;
 #pragma omp for schedule(static)
-    for (std::size_t strip = 0; strip < all.all<T>(); ++strip) convolve_strip(all, strip, taps, adds, in, out, scratch);
+    for (std::size_t strip = 0; strip < all.all<T>(); ++strip)
+      convolve_strip(all, strip, taps, adds, is_far, in, out, scratch);
   }
 }
 

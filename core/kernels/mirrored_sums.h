@@ -18,6 +18,13 @@ template <int Count, class Visit>
 /// Rows summed at once: as many as there are registers for, with their values on either side.
 constexpr int kRowsAtOnce = kRegisterBytes == 64 ? 8 : 4;
 
+/// Steps between rows that sums are compiled for, since they are the usual ones: where a row lies is then part of what
+/// reads it. Those of a strip of lines, and of a column of registers with three channels (direct_lines.h).
+template <class T>
+constexpr int kStripStep = 512 / sizeof(T);
+template <class T>
+constexpr int kColumnStep = 3 * kRegisterLanes<T>;
+
 /// `blocks` times kRowsAtOnce rows of `registers` registers each, with a step between rows: where their own values are,
 /// and where their sums go.
 template <class T>
@@ -30,11 +37,12 @@ struct RowsToSum {
   bool adds;  ///< to what is in `out`
 };
 
-/// sum_mirrored with what it is compiled for: the kind, and how many of the sides are left of whole blocks of them.
-template <Mirror kind, int Rest, class T>
+/// sum_mirrored with what it is compiled for: the kind, how many of the sides are left of whole blocks of them, and the
+/// step (0: any).
+template <Mirror kind, int Rest, int Step, class T>
 void sum_mirrored_of(const MirroredTaps<T>& taps, const RowsToSum<T>& all) {
   constexpr int rows = kRowsAtOnce, lanes = kRegisterLanes<T>;
-  const std::ptrdiff_t step = all.step, out_step = all.out_step;
+  const std::ptrdiff_t step = Step > 0 ? Step : all.step, out_step = all.out_step;
   const T* sides = taps.sides.data();
   const int count = static_cast<int>(taps.sides.size());
   const auto slot = [](int row) constexpr { return ((row % rows) + rows) % rows; };
@@ -68,18 +76,28 @@ void sum_mirrored_of(const MirroredTaps<T>& taps, const RowsToSum<T>& all) {
     }
 }
 
+template <int Step, class T>
+void sum_mirrored_with(const MirroredTaps<T>& taps, const RowsToSum<T>& rows) {
+  const int rest = static_cast<int>(taps.sides.size()) % kRowsAtOnce;
+  unrolled<kRowsAtOnce>([&](auto i) {
+    if (rest != i) return;
+    taps.kind == Mirror::Even ? sum_mirrored_of<Mirror::Even, i, Step>(taps, rows)
+                              : sum_mirrored_of<Mirror::Odd, i, Step>(taps, rows);
+  });
+}
+
 /// A row of taps applied across rows of values; there are as many rows before and after as the taps reach. Each sum is
 /// made in the same order, from the middle outwards. Two values are added and then meet the tap that they share: half
 /// as many products, with additions for the other half, which a processor does beside them. Values stay in registers
 /// while rows pass them on to each other, so that a tap reads one value on either side for a whole block of rows.
 template <class T>
 void sum_mirrored(const MirroredTaps<T>& taps, const RowsToSum<T>& rows) {
-  const int rest = static_cast<int>(taps.sides.size()) % kRowsAtOnce;
-  unrolled<kRowsAtOnce>([&](auto i) {
-    if (rest != i) return;
-    taps.kind == Mirror::Even ? sum_mirrored_of<Mirror::Even, i>(taps, rows)
-                              : sum_mirrored_of<Mirror::Odd, i>(taps, rows);
-  });
+  if (rows.step == kStripStep<T>)
+    sum_mirrored_with<kStripStep<T>>(taps, rows);
+  else if (rows.step == kColumnStep<T>)
+    sum_mirrored_with<kColumnStep<T>>(taps, rows);
+  else
+    sum_mirrored_with<0>(taps, rows);
 }
 
 }  // namespace saltus

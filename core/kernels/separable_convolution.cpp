@@ -6,12 +6,15 @@
 #include "core/support/thread_count.h"
 
 #include <algorithm>
+#include <stdexcept>
 
 namespace saltus {
 
 template <int Dim, class T>
 void convolve_axis(const Lattice<Dim>& lattice, int channels, int axis, const AxisTaps<T>& taps, Combine combine,
                    const T* in, T* out) {
+  if (in == out && taps.parts().size() > 1)
+    throw std::logic_error("a field cannot take the place of itself where a row is no mirror image");
   const std::size_t count = static_cast<std::size_t>(lattice.size[axis]);
   std::size_t inner = static_cast<std::size_t>(channels), outer = 1;
   for (int a = 0; a < axis; ++a) inner *= static_cast<std::size_t>(lattice.size[a]);
@@ -76,7 +79,7 @@ void convolve_planes(const Lattice<3>& lattice, int channels, const AxisTaps<T>&
   const auto lines_of = [&](std::size_t slab) {
     return Lines{at_most(together, planes, slab * together) * height, width, values};
   };
-  const bool is_far = planes * height * line * sizeof(T) > (4 << 20);
+  const bool is_far = planes * height * line * sizeof(T) > kFarBytes;
   // Few slabs cannot be shared out: then threads share each of them.
   const auto threads = static_cast<std::size_t>(threads_worth(lattice.sites()));
   const bool shares_slabs = (slabs + threads - 1) / threads * threads > slabs + slabs / 4;
@@ -89,7 +92,7 @@ void convolve_planes(const Lattice<3>& lattice, int channels, const AxisTaps<T>&
     const auto pass_along_y = [&](std::size_t slab, std::size_t strip, T* between) {
       bool adds = false;
       for (const MirroredTaps<T>& part : along_y.parts()) {
-        convolve_strip(strips_of(slab), strip, part, adds, in + slab * slab_size, between, strip_scratch);
+        convolve_strip(strips_of(slab), strip, part, adds, false, in + slab * slab_size, between, strip_scratch);
         adds = true;
       }
     };

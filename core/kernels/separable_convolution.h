@@ -9,9 +9,9 @@ namespace saltus {
 enum class Combine { Replace, Add };
 
 /// out[.., i, ..] (+)= sum_j tap[j] in[.., i - j, ..] along one axis of an interleaved field; what lies outside the
-/// lattice is 0. `in` and `out` must not overlap, but may be one field where the row is its own mirror image and
-/// replaces what was there: then memory sees one field instead of two. One product and two sums for two taps that
-/// mirror each other; threads over strips of lines, each value summed in one order.
+/// lattice is 0. `in` and `out` must not overlap, but may be one field where the row is its own mirror image
+/// (std::logic_error where it is not): then memory sees one field instead of two. One product and two sums for two taps
+/// that mirror each other; threads over strips of lines, each value summed in one order.
 template <int Dim, class T>
 void convolve_axis(const Lattice<Dim>& lattice, int channels, int axis, const AxisTaps<T>& taps, Combine combine,
                    const T* in, T* out);

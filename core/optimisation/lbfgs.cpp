@@ -306,15 +306,20 @@ MinimiseSummary minimise(Objective<T>& objective, const MinimiseOptions& options
     if (!start.is_valid)
       throw NumericalFailure("the energy at the start or its gradient is not finite; check the images for NaN and Inf");
     state.energies = {start.value};
-    if (options.noise_tolerance > 0) {
-      std::vector<T> noise(objective.size()), noise_preconditioned(preconditioner.dense_size());
-      if (objective.noise_gradient(state.x, noise, noise_preconditioned))
-        state.noise_optimality = std::sqrt(std::max(0.0, preconditioner.dense_square(noise, noise_preconditioned)));
-    }
     revise_after_look(0);
     state.look_gap = kFirstLookGap;
+    fit();
+    // After what has joined was revised: what the look found of it is gone then.
+    objective.look_everywhere(false);
+    if (options.noise_tolerance > 0 && objective.noise_gradient(state.x, next_gradient, next_preconditioned)) {
+      ++state.evaluations;
+      const double square = preconditioner.dense_square(next_gradient, next_preconditioned);
+      // What is not finite says nothing; the run then ends for other reasons.
+      if (std::isfinite(square)) state.noise_optimality = std::sqrt(std::max(0.0, square));
+    }
+  } else {
+    fit();
   }
-  fit();
 
   // Before a run ends where it has not looked: whether something that was outside the working set wants to take part.
   const auto joins_here = [&](int iteration) {

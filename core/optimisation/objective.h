@@ -44,7 +44,8 @@ class Objective {
   virtual Evaluation evaluate(const std::vector<T>& x, std::vector<T>& gradient, std::vector<T>& preconditioned) = 0;
 
   /// An example of what noise in the data adds to the gradient at x, where the last evaluation was, and that
-  /// preconditioned, both as there. False, and nothing written, where noise is not known.
+  /// preconditioned, both as there; about as much work. Forgets what that evaluation found outside the working set.
+  /// False, and nothing written, where noise is not known.
   virtual bool noise_gradient(const std::vector<T>& /*x*/, std::vector<T>& /*gradient*/,
                               std::vector<T>& /*preconditioned*/) {
     return false;

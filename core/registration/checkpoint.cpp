@@ -151,8 +151,10 @@ template <class Stream, class State>
 void transfer(Stream& stream, State& at) {
   stream(at.step);
   transfer_level(stream, at.level);
-  stream(at.is_beyond_noise);
   stream(at.level_start);
+  stream(at.is_beyond_noise);
+  stream(at.noise_floor);
+  stream(at.noise_floor_energy);
   stream(at.optimality_reference);
   stream.list(at.sparsity_factors, [](auto& s, auto& factors) { s(factors); });
   stream.list(at.active_blocks, [](auto& s, auto& blocks) { s(blocks); });

@@ -36,10 +36,11 @@ struct Checkpointing {
 struct Checkpoint {
   int step = 0;        ///< which of the levels that are run, 0 is the coarsest
   LevelSummary level;  ///< of that level: the rounds before this one, which is number level.rounds; its time until now
-  bool is_beyond_noise = false;  ///< the level's first round goes on where mostly noise pulls
-  std::vector<float>
-      level_start;  ///< momenta that first orders begin beside, if they are let in and it is not where order 0 ended
-  double optimality_reference = 0;                          ///< of that level
+  std::vector<float> level_start;   ///< momenta that first orders begin beside; empty: where order 0 ended
+  bool is_beyond_noise = false;     ///< the level's first round goes on where mostly noise pulls
+  std::vector<float> noise_floor;   ///< the momenta where it began to do so
+  double noise_floor_energy = 0;    ///< and the energy there
+  double optimality_reference = 0;  ///< of that level
   std::vector<std::vector<float>> sparsity_factors;         ///< of this round
   std::vector<std::vector<std::uint32_t>> active_blocks;    ///< that the minimiser's unknowns are of
   std::vector<std::vector<std::uint32_t>> active_elements;  ///< the same of oriented momenta

@@ -81,20 +81,15 @@ ImagePyramid<Dim>::ImagePyramid(const RegistrationInput<Dim>& input, const Regis
   range_ = intensity_range(input.fixed.samples.size(), input.fixed.samples.data(),
                            fixed_weights.empty() ? nullptr : fixed_weights.data());
   const std::vector<float> moving_weights = binary(input.moving_mask);
-  if (options.similarity != SimilarityType::Ssd) measure_moving_range(moving_weights);
+  moving_intensities_ = intensity_range(input.moving.samples.size(), input.moving.samples.data(),
+                                        moving_weights.empty() ? nullptr : moving_weights.data());
+  // Only ssd compares intensities; for the others each image's noise is a share of its own range.
+  const double width = scaled(moving_intensities_.high) - scaled(moving_intensities_.low);
+  if (options.similarity != SimilarityType::Ssd && width > 0) moving_range_ = width;
   noise_ = options.similarity_parameters.noise;
   if (noise_ < 0) measure_noise(fixed_weights, moving_weights);
   if (options.similarity == SimilarityType::Ssd) measure_contrast(fixed_weights);
   if (options.pyramid.region_margin >= 0) find_region(fixed_weights, moving_weights);
-}
-
-/// Only ssd compares intensities; for the others each image's noise is a share of its own range.
-template <int Dim>
-void ImagePyramid<Dim>::measure_moving_range(const std::vector<float>& moving_weights) {
-  const std::vector<float> moving = scaled(input_.moving, moving_weights);
-  const double width =
-      intensity_range(moving.size(), moving.data(), moving_weights.empty() ? nullptr : moving_weights.data()).width();
-  if (width > 0) moving_range_ = width;
 }
 
 template <int Dim>
@@ -129,12 +124,10 @@ void ImagePyramid<Dim>::find_region(const std::vector<float>& fixed_weights, con
   if (!tolerance) return;
   const auto seen = [](const std::vector<float>& weights) { return weights.empty() ? nullptr : weights.data(); };
   const std::vector<float>&fixed_samples = input_.fixed.samples, &moving_samples = input_.moving.samples;
-  const IntensityRange moving_range =
-      intensity_range(moving_samples.size(), moving_samples.data(), seen(moving_weights));
   const IndexBox<Dim> fixed = content_box(fixed_lattice_, fixed_samples.data(), seen(fixed_weights),
                                           *tolerance * range_.width()),
                       moving = content_box(moving_lattice_, moving_samples.data(), seen(moving_weights),
-                                           *tolerance * moving_range.width());
+                                           *tolerance * moving_intensities_.width());
   for (int axis = 0; axis < Dim; ++axis) {
     region_low_[axis] = fixed.begin[axis] * fixed_lattice_.spacing[axis];
     region_high_[axis] = (fixed.end[axis] - 1) * fixed_lattice_.spacing[axis];
@@ -170,14 +163,18 @@ std::optional<IndexBox<Dim>> ImagePyramid<Dim>::region() const {
   return box;
 }
 
-/// Maps the fixed image's range to [0,1], one of width 0 to its difference from the lower end; what a mask hides is
-/// hidden.
+/// Maps the fixed image's range to [0,1], one of width 0 to its difference from the lower end.
+template <int Dim>
+double ImagePyramid<Dim>::scaled(double intensity) const {
+  return (intensity - range_.low) * (range_.width() > 0 ? 1 / range_.width() : 1);
+}
+
+/// What a mask hides is hidden.
 template <int Dim>
 std::vector<float> ImagePyramid<Dim>::scaled(const Volume<Dim>& image, const std::vector<float>& weights) const {
-  const double factor = range_.width() > 0 ? 1 / range_.width() : 1;
   std::vector<float> result(image.samples.size());
   std::transform(image.samples.begin(), image.samples.end(), result.begin(),
-                 [&](float v) { return static_cast<float>((v - range_.low) * factor); });
+                 [&](float v) { return static_cast<float>(scaled(v)); });
   if (!weights.empty()) hide(weights, result);
   return result;
 }

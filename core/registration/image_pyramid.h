@@ -49,7 +49,6 @@ class ImagePyramid {
   MatchingLevel<Dim, float> full_resolution() const;
 
  private:
-  void measure_moving_range(const std::vector<float>& moving_weights);
   void measure_noise(const std::vector<float>& fixed_weights, const std::vector<float>& moving_weights);
   /// Of each image's range: what differs from background by less is background. None where noise hides which that is.
   std::optional<double> background_tolerance() const;
@@ -58,6 +57,7 @@ class ImagePyramid {
   double level_noise(int level) const;
   double share_beside_noise(int level) const;
   MatchingLevel<Dim, float> make_level(int level, const Lattice<Dim>& part, double smoothing) const;
+  double scaled(double intensity) const;
   std::vector<float> scaled(const Volume<Dim>& image, const std::vector<float>& weights) const;
   FramedImage<Dim, float> framed(const std::vector<float>& samples, const std::vector<float>& weights, double smoothing,
                                  const Lattice<Dim>& lattice) const;
@@ -66,7 +66,7 @@ class ImagePyramid {
   const RegistrationOptions& options_;
   Lattice<Dim> fixed_lattice_, moving_lattice_;
   AffineMap<Dim> to_moving_;
-  IntensityRange range_;     ///< of the fixed image
+  IntensityRange range_, moving_intensities_;  ///< of both images as they are
   double moving_range_ = 1;  ///< in units of the scaled intensities, where the moving image's range counts by itself
   double noise_ = 0, contrast_ = std::numeric_limits<double>::infinity();
   Vector<Dim> region_low_, region_high_;  ///< frame, mm

@@ -97,22 +97,14 @@ Evaluation MatchingObjective<Dim, T>::evaluate(const std::vector<T>& x, std::vec
     parts_.regularisation += scales_[s]->penalty_of_velocity(momenta[s].zeroth, velocity, gradients[s].zeroth);
   });
   const Displacement<Dim, T> displacement = on_level(map_.follow(shooting_.velocities()));
-  const bool moving_weights = !level_.moving_weights.samples.empty();
   warp_level<Dim, T>(level_, displacement, warped_, weights_);
   const T* weights = weights_.empty() ? nullptr : weights_.data();
   parts_.similarity =
       level_.similarity_weight * similarity_->evaluate(level_.fixed.data(), warped_.data(), weights, image_dual_.data(),
-                                                       moving_weights ? weight_dual_.data() : nullptr);
+                                                       weight_dual_.empty() ? nullptr : weight_dual_.data());
   if (!std::isfinite(parts_.similarity)) return {parts_.similarity, false};
 
-  const T weight = static_cast<T>(level_.similarity_weight);
-  for (T& dual : image_dual_) dual *= weight;
-  std::vector<WarpedDual<Dim, T>> duals = {{&level_.moving, image_dual_.data()}};
-  if (moving_weights) {
-    for (std::size_t i = 0; i < weight_dual_.size(); ++i)
-      weight_dual_[i] *= weight * (level_.fixed_weights.empty() ? T(1) : level_.fixed_weights[i]);
-    duals.push_back({&level_.moving_weights, weight_dual_.data()});
-  }
+  scale_duals(image_dual_, weight_dual_);
   for (Field<T>& dual : velocity_duals_) BlockMask<Dim>::all(flow_).clear(flow_, Dim, dual.data());
   if (level_.divergence_weight > 0)
     for (int k = 0, last = shooting_.nodes() - 1; k <= last; ++k) {
@@ -120,10 +112,27 @@ Evaluation MatchingObjective<Dim, T>::evaluate(const std::vector<T>& x, std::vec
       parts_.regularisation += add_divergence_penalty<Dim, T>(
           flow_, shooting_.velocities()[k].data(), level_.divergence_weight * share, velocity_duals_[k].data());
     }
-  pull_back(duals, displacement, momenta, gradients, scaled);
+  pull_back(warped_duals(image_dual_, weight_dual_), displacement, momenta, gradients, scaled);
   set_.finish_gradient(gradient);
   const double energy = parts_.similarity + parts_.regularisation;
   return {energy, std::isfinite(energy)};
+}
+
+/// From the similarity's gradient in the warped image and the weights to the energy's in what is warped.
+template <int Dim, class T>
+void MatchingObjective<Dim, T>::scale_duals(std::vector<T>& image_dual, std::vector<T>& weight_dual) const {
+  const T weight = static_cast<T>(level_.similarity_weight);
+  for (T& dual : image_dual) dual *= weight;
+  for (std::size_t i = 0; i < weight_dual.size(); ++i)
+    weight_dual[i] *= weight * (level_.fixed_weights.empty() ? T(1) : level_.fixed_weights[i]);
+}
+
+template <int Dim, class T>
+std::vector<WarpedDual<Dim, T>> MatchingObjective<Dim, T>::warped_duals(const std::vector<T>& image_dual,
+                                                                        const std::vector<T>& weight_dual) const {
+  std::vector<WarpedDual<Dim, T>> duals = {{&level_.moving, image_dual.data()}};
+  if (!weight_dual.empty()) duals.push_back({&level_.moving_weights, weight_dual.data()});
+  return duals;
 }
 
 /// Adds to the gradients of the momenta what images and, as they are, velocity_duals_ ask for.
@@ -142,14 +151,16 @@ template <int Dim, class T>
 bool MatchingObjective<Dim, T>::noise_gradient(const std::vector<T>& x, std::vector<T>& gradient,
                                                std::vector<T>& preconditioned) {
   if (!(level_.noise > 0)) return false;
-  const T sd = static_cast<T>(level_.noise), weight = static_cast<T>(level_.similarity_weight);
-  std::vector<T> noisy = warped_, dual(warped_.size());
+  const T sd = static_cast<T>(level_.noise);
+  std::vector<T> noisy = warped_, image_dual(warped_.size()), weight_dual(weight_dual_.size());
 #pragma omp parallel for schedule(static)
   for (std::size_t i = 0; i < noisy.size(); ++i)
     noisy[i] += random_bits(0, {static_cast<std::int64_t>(i)}) & 1 ? sd : -sd;
-  similarity_->evaluate(level_.fixed.data(), noisy.data(), weights_.empty() ? nullptr : weights_.data(), dual.data(),
-                        nullptr);
-  for (std::size_t i = 0; i < dual.size(); ++i) dual[i] = weight * dual[i] - image_dual_[i];
+  similarity_->evaluate(level_.fixed.data(), noisy.data(), weights_.empty() ? nullptr : weights_.data(),
+                        image_dual.data(), weight_dual.empty() ? nullptr : weight_dual.data());
+  scale_duals(image_dual, weight_dual);
+  for (std::size_t i = 0; i < image_dual.size(); ++i) image_dual[i] -= image_dual_[i];
+  for (std::size_t i = 0; i < weight_dual.size(); ++i) weight_dual[i] -= weight_dual_[i];
   const std::vector<MomentumPointers<T>> momenta = set_.evaluated(x);
   std::fill(gradient.begin(), gradient.end(), T(0));
   std::fill(preconditioned.begin(), preconditioned.end(), T(0));
@@ -160,7 +171,7 @@ bool MatchingObjective<Dim, T>::noise_gradient(const std::vector<T>& x, std::vec
       std::fill_n(gradients[s].oriented, oriented->kComponents * momenta[s].elements->size(), T(0));
   }
   for (Field<T>& velocity_dual : velocity_duals_) BlockMask<Dim>::all(flow_).clear(flow_, Dim, velocity_dual.data());
-  pull_back({{&level_.moving, dual.data()}}, on_level(map_.follow(shooting_.velocities())), momenta, gradients,
+  pull_back(warped_duals(image_dual, weight_dual), on_level(map_.follow(shooting_.velocities())), momenta, gradients,
             set_.dense_targets(preconditioned));
   set_.finish_gradient(gradient);
   return true;

@@ -55,7 +55,8 @@ class MatchingObjective final : public Objective<T> {
 
   std::size_t size() const override { return set_.size(); }
   Evaluation evaluate(const std::vector<T>& x, std::vector<T>& gradient, std::vector<T>& preconditioned) override;
-  /// Of the level's noise: each sample of the warped image has sd more or less. The same one at every call.
+  /// Of the level's noise: each sample of the warped image has sd more or less, where it counts by the same weights.
+  /// The same one at every call.
   bool noise_gradient(const std::vector<T>& x, std::vector<T>& gradient, std::vector<T>& preconditioned) override;
   double first_step(const std::vector<T>& direction) override;
   const std::vector<GroupSparsity>& sparsity() const override { return set_.sparsity(); }
@@ -89,6 +90,9 @@ class MatchingObjective final : public Objective<T> {
 
  private:
   Displacement<Dim, T> on_level(const Field<T>& field);
+  void scale_duals(std::vector<T>& image_dual, std::vector<T>& weight_dual) const;
+  std::vector<WarpedDual<Dim, T>> warped_duals(const std::vector<T>& image_dual,
+                                               const std::vector<T>& weight_dual) const;
   void pull_back(const std::vector<WarpedDual<Dim, T>>& duals, const Displacement<Dim, T>& displacement,
                  const std::vector<MomentumPointers<T>>& momenta, const std::vector<MomentumTargets<T>>& gradients,
                  const std::vector<MomentumTargets<T>>& scaled);
@@ -104,8 +108,9 @@ class MatchingObjective final : public Objective<T> {
   EnergyParts parts_;
   std::function<void(double)> on_work_;
   int polls_ = 0;
-  std::vector<T> warped_, weights_, image_dual_, weight_dual_;
-  Field<T> map_dual_;  ///< on the flow's lattice
+  std::vector<T> warped_, weights_;
+  std::vector<T> image_dual_, weight_dual_;  ///< of the moving image and of its weights (empty: it has none), warped
+  Field<T> map_dual_;                        ///< on the flow's lattice
   std::vector<Field<T>> velocity_duals_;
 };
 

@@ -194,8 +194,9 @@ void PyramidRun<Dim>::begin_level(std::size_t step) {
     return;
   }
   momenta.resize(objective_->size(), Scalar(0));  // finer scales come last and start at 0
-  reached_.is_beyond_noise = false;
   reached_.level_start.clear();
+  reached_.is_beyond_noise = false;
+  reached_.noise_floor.clear();
   if (decides_ && !options_.momenta.first_order_waits) reached_.level_start = momenta;
 }
 
@@ -315,6 +316,8 @@ FirstOrderPromise PyramidRun<Dim>::ask_first_orders() {
 template <int Dim>
 void PyramidRun<Dim>::settle_beyond_noise() {
   reached_.is_beyond_noise = true;
+  reached_.noise_floor = reached_.minimiser.x;
+  reached_.noise_floor_energy = level_.energy_after;
   make_objective(rounds_[0]);
   objective_->weigh(rounds_[0], reached_.minimiser.x);
   level_.iterations -= reached_.minimiser.iterations();  // counted again with all of the round
@@ -322,24 +325,32 @@ void PyramidRun<Dim>::settle_beyond_noise() {
   minimise_round(0);
 }
 
+/// Back from where order 0 has settled to where mostly noise began to pull: what it did since was for a look alone.
+template <int Dim>
+void PyramidRun<Dim>::return_to_noise_floor() {
+  reached_.minimiser.x = std::move(reached_.noise_floor);
+  reached_.noise_floor.clear();
+  level_.energy_after = reached_.noise_floor_energy;
+  level_.termination = Termination::NoiseFloor;
+}
+
 /// After order 0 has come to its end alone: whether first orders would gain enough. If they seem to where order 0 was
-/// left to noise, it has to settle before that is believed: what it has not pulls at them as well. Where they are, they
-/// begin as they would have without that look: after order 0, or together with it from where the level began.
+/// left to noise, it has to settle before that is believed: what it has not pulls at them as well. Whatever is found,
+/// the run goes on as it would have without that look: from where order 0 was left to noise or, with first orders that
+/// do not wait, from where the level began.
 template <int Dim>
 bool PyramidRun<Dim>::first_orders_are_worth_it() {
   std::vector<Scalar>& momenta = reached_.minimiser.x;
   FirstOrderPromise promise = ask_first_orders();
   if (is_enough(promise, levels_[step_]) && level_.termination == Termination::NoiseFloor) {
-    if (options_.momenta.first_order_waits) reached_.level_start = momenta;  // order 0 has not fitted noise there
     settle_beyond_noise();
     if (level_.termination == Termination::Stopped) return false;
     promise = ask_first_orders();
   }
   const bool is_worth_it = is_enough(promise, levels_[step_]);
-  if (!is_worth_it)
-    make_objective(rounds_[0]);
-  else if (!reached_.level_start.empty())
-    momenta = std::move(reached_.level_start);
+  if (!is_worth_it) make_objective(rounds_[0]);
+  if (reached_.is_beyond_noise) return_to_noise_floor();
+  if (is_worth_it && !reached_.level_start.empty()) momenta = std::move(reached_.level_start);
   reached_.level_start.clear();
   if (is_worth_it) begin_beside_first_orders();
   level_.decision = is_worth_it ? FirstOrderDecision::LetIn : FirstOrderDecision::LeftOut;

@@ -63,6 +63,7 @@ class PyramidRun {
   void choose_map_steps();
   FirstOrderPromise ask_first_orders();
   void settle_beyond_noise();
+  void return_to_noise_floor();
   bool first_orders_are_worth_it();
   bool would_join();
   void begin_beside_first_orders();

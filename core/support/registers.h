@@ -37,6 +37,23 @@ template <class T>
   std::memcpy(to, &values, sizeof values);
 }
 
+/// To a multiple of kRegisterBytes, past the caches where the processor can: what will not be read again soon then
+/// needs not be fetched first. Other threads may read it after a std::atomic_thread_fence.
+template <class T>
+[[gnu::always_inline]] inline void store_far(const Register<T>& values, T* to) {
+#if defined(__has_builtin) && __has_builtin(__builtin_nontemporal_store)
+  __builtin_nontemporal_store(values, reinterpret_cast<Register<T>*>(to));
+#elif defined(__AVX512F__) && __has_builtin(__builtin_ia32_movntdq512)
+  typedef long long Bits __attribute__((vector_size(64), may_alias));
+  __builtin_ia32_movntdq512(reinterpret_cast<Bits*>(to), reinterpret_cast<const Bits&>(values));
+#elif defined(__AVX__) && __has_builtin(__builtin_ia32_movntdq256)
+  typedef long long Bits __attribute__((vector_size(32), may_alias));
+  __builtin_ia32_movntdq256(reinterpret_cast<Bits*>(to), reinterpret_cast<const Bits&>(values));
+#else
+  store<T>(values, to);
+#endif
+}
+
 /// The first `count` values alone, or all if that is more.
 template <class T>
 [[gnu::always_inline]] inline Register<T> load_first(std::size_t count, const T* from, T other) {

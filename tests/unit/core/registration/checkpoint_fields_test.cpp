@@ -54,10 +54,10 @@ class Numbers {
          revised_at, settled_at);
   }
   void operator()(Checkpoint& checkpoint) {
-    auto& [step, level, beyond_noise, start, reference, factors, blocks, elements, normals, turned, minimiser, levels,
-           history, seconds, cpu_seconds] = checkpoint;
-    fill(step, level, beyond_noise, start, reference, factors, blocks, elements, normals, turned, minimiser, levels,
-         history, seconds, cpu_seconds);
+    auto& [step, level, start, beyond_noise, noise_floor, floor_energy, reference, factors, blocks, elements, normals,
+           turned, minimiser, levels, history, seconds, cpu_seconds] = checkpoint;
+    fill(step, level, start, beyond_noise, noise_floor, floor_energy, reference, factors, blocks, elements, normals,
+         turned, minimiser, levels, history, seconds, cpu_seconds);
   }
 
  private:
@@ -91,8 +91,10 @@ TEST(CheckpointFields, AllSurviveBeingStored) {
   const Checkpoint read = decoded(encoded(stored, 7), 7);
   EXPECT_EQ(read.step, stored.step);
   expect_same(read.level, stored.level, "level");
-  EXPECT_EQ(read.is_beyond_noise, stored.is_beyond_noise);
   EXPECT_EQ(read.level_start, stored.level_start);
+  EXPECT_EQ(read.is_beyond_noise, stored.is_beyond_noise);
+  EXPECT_EQ(read.noise_floor, stored.noise_floor);
+  EXPECT_EQ(read.noise_floor_energy, stored.noise_floor_energy);
   EXPECT_EQ(read.optimality_reference, stored.optimality_reference);
   EXPECT_EQ(read.sparsity_factors, stored.sparsity_factors);
   EXPECT_EQ(read.active_blocks, stored.active_blocks);

@@ -2,6 +2,7 @@
 // and without noise; the truth of phantoms.
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <utility>
 
 #include "core/evaluation/field_error.h"
@@ -42,46 +43,62 @@ TEST(NoiseGradient, IsWhatNoiseChangesOfTheGradient) {
   level.divergence_weight = 0.3;  // of which noise knows nothing
   level.time_steps = 2;
   level.noise = 0.05;
+  struct Case {
+    SimilarityType type;
+    Model model;
+    bool has_masks;
+  };
+  std::vector<Case> cases;
   for (SimilarityType type : {SimilarityType::Ssd, SimilarityType::Lncc})
-    for (Model model : {Model::Gaussian, Model::Wendland1}) {
-      SCOPED_TRACE(to_string(type) + " " + to_string(model));
-      RegistrationOptions options = default_options(model, type, Preset::Balanced);
-      options.momenta.width_voxels = 4;
-      options.momenta.scales = 1;
-      options.momenta.finest_scale = 0;
-      auto placed = make_scales<2, double>(level.lattice, resolved(options, level.lattice), {});
-      const auto similarity = [&] {
-        return make_similarity<2, double>(type, level.lattice, options.similarity_parameters, 1.0);
-      };
-      MatchingObjective<2, double> clean({placed[0].scale.get()}, level, similarity(), 1e-3);
-      MatchingObjective<2, double> noisy({placed[0].scale.get()}, level,
-                                         std::make_unique<Noisy>(similarity(), level.lattice.sites(), level.noise),
-                                         1e-3);
-      const std::size_t size = clean.size();
-      const std::vector<double> x = testing::random_values(size, 5, model == Model::Gaussian ? 0.1 : 1e-9);
-      std::vector<double> found(size), found_p(size), with(size), with_p(size), without(size), without_p(size);
-      noisy.evaluate(x, with, with_p);
-      clean.evaluate(x, without, without_p);
-      ASSERT_TRUE(clean.noise_gradient(x, found, found_p));
-      double largest = 0, largest_p = 0;
-      for (std::size_t i = 0; i < size; ++i) {
-        largest = std::max(largest, std::abs(without[i]));
-        largest_p = std::max(largest_p, std::abs(without_p[i]));
-      }
-      double most = 0;
-      for (std::size_t i = 0; i < size; ++i) {
-        ASSERT_NEAR(found[i], with[i] - without[i], 1e-12 * largest) << i;
-        ASSERT_NEAR(found_p[i], with_p[i] - without_p[i], 1e-12 * largest_p) << i;
-        most = std::max(most, std::abs(found[i]));
-      }
-      EXPECT_GT(most, 1e-4 * largest);
-
-      // It leaves the objective as it was.
-      std::vector<double> again(size), again_p(size);
-      clean.evaluate(x, again, again_p);
-      EXPECT_EQ(again, without);
-      EXPECT_EQ(again_p, without_p);
+    for (Model model : {Model::Gaussian, Model::Wendland1})
+      for (bool has_masks : {false, true}) cases.push_back({type, model, has_masks});
+  for (const auto& [type, model, has_masks] : cases) {
+    SCOPED_TRACE(to_string(type) + " " + to_string(model) + (has_masks ? ", masks" : ""));
+    level.fixed_weights.clear();
+    level.moving_weights.samples.clear();
+    if (has_masks) {
+      level.fixed_weights = testing::random_values(level.lattice.sites(), 3);
+      level.moving_weights = level.moving;
+      level.moving_weights.samples = testing::random_waves<2>(level.lattice, 4);
+      for (std::vector<double>* weights : {&level.fixed_weights, &level.moving_weights.samples})
+        for (double& weight : *weights) weight = std::min(1.0, std::abs(weight) + 0.1);
     }
+    RegistrationOptions options = default_options(model, type, Preset::Balanced);
+    options.momenta.width_voxels = 4;
+    options.momenta.scales = 1;
+    options.momenta.finest_scale = 0;
+    auto placed = make_scales<2, double>(level.lattice, resolved(options, level.lattice), {});
+    const auto similarity = [&] {
+      return make_similarity<2, double>(type, level.lattice, options.similarity_parameters, 1.0);
+    };
+    MatchingObjective<2, double> clean({placed[0].scale.get()}, level, similarity(), 1e-3);
+    MatchingObjective<2, double> noisy({placed[0].scale.get()}, level,
+                                       std::make_unique<Noisy>(similarity(), level.lattice.sites(), level.noise), 1e-3);
+    const std::size_t size = clean.size();
+    const std::vector<double> x = testing::random_values(size, 5, model == Model::Gaussian ? 0.1 : 1e-9);
+    std::vector<double> found(size), found_p(size), with(size), with_p(size), without(size), without_p(size);
+    noisy.evaluate(x, with, with_p);
+    clean.evaluate(x, without, without_p);
+    ASSERT_TRUE(clean.noise_gradient(x, found, found_p));
+    double largest = 0, largest_p = 0;
+    for (std::size_t i = 0; i < size; ++i) {
+      largest = std::max(largest, std::abs(without[i]));
+      largest_p = std::max(largest_p, std::abs(without_p[i]));
+    }
+    double most = 0;
+    for (std::size_t i = 0; i < size; ++i) {
+      ASSERT_NEAR(found[i], with[i] - without[i], 1e-12 * largest) << i;
+      ASSERT_NEAR(found_p[i], with_p[i] - without_p[i], 1e-12 * largest_p) << i;
+      most = std::max(most, std::abs(found[i]));
+    }
+    EXPECT_GT(most, 1e-5 * largest);
+
+    // It leaves the objective as it was.
+    std::vector<double> again(size), again_p(size);
+    clean.evaluate(x, again, again_p);
+    EXPECT_EQ(again, without);
+    EXPECT_EQ(again_p, without_p);
+  }
 }
 
 TEST(NoiseGradient, IsNotKnownWithoutNoise) {
@@ -192,11 +209,85 @@ TEST(NoiseFloor, SettlesBeforeFirstOrdersAreLetIn) {
   EXPECT_EQ(let_in.decision, FirstOrderDecision::LetIn);
   options.optimisation.noise_tolerance = 0;
   const LevelSummary settled = registered(phantom, options).summary.levels.at(0);
-  // The same path, but for one look more.
+  // The same path, but for one look more and the gradient of noise.
   EXPECT_EQ(let_in.iterations, settled.iterations);
-  EXPECT_EQ(let_in.evaluations, settled.evaluations + 1);
+  EXPECT_EQ(let_in.evaluations, settled.evaluations + 2);
   EXPECT_EQ(let_in.energy_after, settled.energy_after);
   EXPECT_EQ(let_in.first_order_gain, settled.first_order_gain);
+}
+
+/// A slip whose images are said to be noise, so that every level begins where mostly noise pulls.
+RegistrationOptions said_to_be_noise(SimilarityType similarity) {
+  RegistrationOptions options = default_options(Model::Auto, similarity, Preset::Balanced);
+  options.pyramid.levels = 2;
+  options.momenta.first_order_gain = options.momenta.first_order_finest_gain = 1e-9;
+  options.momenta.first_order_shear = options.momenta.first_order_finest_shear = 0;
+  options.momenta.regularisation_beside_first = 0;
+  options.momenta.sparsity *= 1e-3;
+  options.optimisation.noise_tolerance = 1;
+  options.similarity_parameters.noise = 0.5;
+  options.momenta.sparsity_noise = 0;
+  return options;
+}
+
+Phantom<2> small_slip() {
+  PhantomOptions scene = default_phantom_options(PhantomKind::Slip);
+  scene.size = {64, 64, 1};
+  return make_phantom<2>(scene);
+}
+
+// What order 0 did to settle was for the look alone: where first orders are left out after it, on each level anew,
+// everything is as if they had not been worth that look.
+TEST(NoiseFloor, GoesOnFromThereWhereFirstOrdersAreLeftOutAfterAll) {
+  const Phantom<2> phantom = small_slip();
+  for (bool waits : {true, false}) {
+    SCOPED_TRACE(waits ? "waits" : "does not wait");
+    RegistrationOptions options = said_to_be_noise(SimilarityType::Lncc);
+    options.momenta.first_order_waits = waits;
+    options.momenta.first_order_scales = 2;  // both levels are asked
+    const auto with_gains = [&](double coarse, double fine) {
+      options.momenta.first_order_gain = coarse;
+      options.momenta.first_order_finest_gain = fine;
+      return registered(phantom, options);
+    };
+    const Ended never = with_gains(1e9, 1e9);
+    options.optimisation.noise_tolerance = 0;
+    const Ended settled = with_gains(1e9, 1e9);
+    options.optimisation.noise_tolerance = 1;
+    ASSERT_EQ(never.summary.levels.size(), 2u);
+    double between[2];
+    for (std::size_t i = 0; i < 2; ++i) {
+      const LevelSummary& level = never.summary.levels[i];
+      EXPECT_EQ(level.termination, Termination::NoiseFloor);
+      const double gain = settled.summary.levels[i].first_order_gain;
+      ASSERT_GT(level.first_order_gain, 1.1 * gain) << i;  // what is not settled pulls
+      between[i] = std::sqrt(level.first_order_gain * gain);
+    }
+    const Ended after_all = with_gains(between[0], between[1]);
+    ASSERT_EQ(after_all.summary.levels.size(), 2u);
+    EXPECT_EQ(after_all.error, never.error);
+    for (std::size_t i = 0; i < 2; ++i) {
+      const LevelSummary &level = after_all.summary.levels[i], &before = never.summary.levels[i];
+      EXPECT_EQ(level.decision, FirstOrderDecision::LeftOut);
+      EXPECT_EQ(level.termination, Termination::NoiseFloor);
+      EXPECT_EQ(level.energy_after, before.energy_after);
+      EXPECT_GT(level.iterations, before.iterations);
+    }
+  }
+}
+
+// First orders that wait begin beside momenta that have not fitted noise.
+TEST(NoiseFloor, IsWhereFirstOrdersThatWaitedBegin) {
+  RegistrationOptions options = said_to_be_noise(SimilarityType::Lncc);
+  ASSERT_TRUE(options.momenta.first_order_waits);
+  options.pyramid.levels = 1;
+  const RegistrationSummary found = registered(small_slip(), options).summary;
+  ASSERT_EQ(found.levels.at(0).decision, FirstOrderDecision::LetIn);
+  const auto begins = std::find_if(found.history.begin(), found.history.end(),
+                                   [](const IterationRecord& record) { return record.round == 2; });
+  ASSERT_NE(begins, found.history.end());
+  ASSERT_NE(begins, found.history.begin());
+  EXPECT_GT(begins->energy, std::prev(begins)->energy);
 }
 
 }  // namespace
