@@ -228,14 +228,16 @@ void to_luminance(ImageFile& image) {
 void compress(const std::filesystem::path& from, const std::filesystem::path& to, const std::string& name) {
   auto fail = [&name] { throw FileError("cannot write " + name + ": compressing it failed, is the disk full?"); };
   std::ifstream input(from, std::ios::binary | std::ios::ate);
-  std::vector<char> plain(input ? static_cast<std::size_t>(input.tellg()) : 0);
-  if (!input.seekg(0).read(plain.data(), static_cast<std::streamsize>(plain.size()))) fail();
+  if (!input) fail();
+  const auto size = static_cast<std::size_t>(input.tellg());
+  const auto plain = std::make_unique_for_overwrite<char[]>(size);
+  if (!input.seekg(0).read(plain.get(), static_cast<std::streamsize>(size))) fail();
   const std::unique_ptr<libdeflate_compressor, decltype(&libdeflate_free_compressor)> compressor(
       libdeflate_alloc_compressor(1), &libdeflate_free_compressor);
   if (!compressor) throw std::bad_alloc();
-  const std::size_t most = libdeflate_gzip_compress_bound(compressor.get(), plain.size());
-  const std::unique_ptr<char[]> packed(new char[most]);  // what is not needed of it is never touched
-  const std::size_t bytes = libdeflate_gzip_compress(compressor.get(), plain.data(), plain.size(), packed.get(), most);
+  const std::size_t most = libdeflate_gzip_compress_bound(compressor.get(), size);
+  const auto packed = std::make_unique_for_overwrite<char[]>(most);  // what is not needed of it is never touched
+  const std::size_t bytes = libdeflate_gzip_compress(compressor.get(), plain.get(), size, packed.get(), most);
   std::ofstream output(to, std::ios::binary);
   if (bytes == 0 || !output.write(packed.get(), static_cast<std::streamsize>(bytes)).flush()) fail();
 }

@@ -16,7 +16,7 @@ namespace {
 
 constexpr char kMagic[8] = {'S', 'A', 'L', 'T', 'U', 'S', 'C', 'P'};
 /// To be raised with every change of what is stored or of what is computed from it.
-constexpr std::uint32_t kVersion = 22;
+constexpr std::uint32_t kVersion = 23;
 
 struct Header {
   char magic[8];
@@ -155,6 +155,7 @@ void transfer(Stream& stream, State& at) {
   stream(at.is_beyond_noise);
   stream(at.noise_floor);
   stream(at.noise_floor_energy);
+  stream(at.noise_floor_optimality);
   stream(at.optimality_reference);
   stream.list(at.sparsity_factors, [](auto& s, auto& factors) { s(factors); });
   stream.list(at.active_blocks, [](auto& s, auto& blocks) { s(blocks); });

@@ -146,7 +146,9 @@ std::size_t memory_estimate(const ImageGrid<Dim>& fixed, const ImageGrid<Dim>& m
   const double flow = sites_of(has_first ? finest : finest + coarsening);
   const double end_bytes = full * (3 * vector + 8 * scalar + similarity) + full_moving * (vector + 8 + 2 * scalar) +
                            flow * nodes * vector + round.kept;
-  const double input_bytes = scalar * (full + full_moving);
+  // Both images with masks, a field of directions, and what is too small to be counted one by one.
+  const double input_bytes =
+      2 * scalar * (full + full_moving) + (options.model == Model::Directional ? vector * full : 0) + 2 * full;
   return static_cast<std::size_t>(input_bytes + std::max({round.most, round.left + round.kept, end_bytes})) +
          (64u << 20);
 }

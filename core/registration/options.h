@@ -78,7 +78,8 @@ struct RegistrationOptions {
     double oriented_sparsity = 0.4;  ///< lambda of oriented momenta, as a share of `sparsity`
     bool first_order_waits = false;  ///< on each level order 0 settles before first-order momenta appear
     /// So many blocks of a scale's first-order fields are active at most, where they are sparse, as a share of those
-    /// that there are at full resolution (momenta/block_set.h); of more that want to join those do that pull hardest.
+    /// that Dim fields have at full resolution (momenta/block_set.h); of more that want to join those do that pull
+    /// hardest.
     /// 0: what suits model and dimension.
     double most_active_share = 1;
     bool shear_only = false;  ///< drop component i of m_i, so that a jump can only slide

@@ -344,9 +344,8 @@ const std::vector<Parameter>& parameters() {
       real_or_zero(
           "most_active_share", "of the blocks at full resolution", 0.01, 1,
           "where there is sparsity, a scale's first-order momenta are in so many blocks of 4 sites a side at most, "
-          "which "
-          "bounds the memory; where more want to be those are that pull hardest; 0: all, with model auto in 3-D three "
-          "quarters",
+          "which bounds the memory; where more want to be those are that pull hardest; coarser levels have room for "
+          "all from 0.125 on; 0: all, with model auto in 3-D three quarters",
           [](O & o) -> auto& { return o.momenta.most_active_share; }),
       boolean(
           "shear_only", "leave out the component of m_i along axis i, so that a jump can only slide",

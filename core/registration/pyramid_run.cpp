@@ -318,6 +318,7 @@ void PyramidRun<Dim>::settle_beyond_noise() {
   reached_.is_beyond_noise = true;
   reached_.noise_floor = reached_.minimiser.x;
   reached_.noise_floor_energy = level_.energy_after;
+  reached_.noise_floor_optimality = level_.optimality;
   make_objective(rounds_[0]);
   objective_->weigh(rounds_[0], reached_.minimiser.x);
   level_.iterations -= reached_.minimiser.iterations();  // counted again with all of the round
@@ -331,6 +332,7 @@ void PyramidRun<Dim>::return_to_noise_floor() {
   reached_.minimiser.x = std::move(reached_.noise_floor);
   reached_.noise_floor.clear();
   level_.energy_after = reached_.noise_floor_energy;
+  level_.optimality = reached_.noise_floor_optimality;
   level_.termination = Termination::NoiseFloor;
 }
 

@@ -11,7 +11,8 @@
 
 namespace saltus {
 
-/// One accepted iteration. Energies are integrals over the fixed image (mm^Dim times the density's unit).
+/// One accepted iteration, also of those that were given back (LevelSummary::termination NoiseFloor). Energies are
+/// integrals over the fixed image (mm^Dim times the density's unit).
 struct IterationRecord {
   int level = 0;  ///< 1 is the coarsest
   int round = 1;  ///< of the level, see sparsity_rounds.h

@@ -44,6 +44,14 @@ void expect_same_bits(const RegistrationResult<Dim>& a, const RegistrationResult
     EXPECT_EQ(one.energy_before, other.energy_before);
     EXPECT_EQ(one.energy_after, other.energy_after);
     EXPECT_EQ(one.termination, other.termination);
+    EXPECT_EQ(one.active_block_share, other.active_block_share);
+    EXPECT_EQ(one.kept_out_share, other.kept_out_share);
+    EXPECT_EQ(one.decision, other.decision);
+    EXPECT_EQ(one.first_order_gain, other.first_order_gain);
+    EXPECT_EQ(one.first_order_shear, other.first_order_shear);
+    EXPECT_EQ(one.oriented_elements, other.oriented_elements);
+    EXPECT_EQ(one.map_steps, other.map_steps);
+    EXPECT_EQ(one.map_error_mm, other.map_error_mm);
   }
   EXPECT_EQ(a.summary.termination, b.summary.termination);
   EXPECT_EQ(a.summary.similarity_after, b.summary.similarity_after);

@@ -210,6 +210,23 @@ TYPED_TEST(SeparableConvolution, MayReplaceAFieldByItself) {
         }
 }
 
+// Oracle: the same in fields that begin within a cache line, which are not written past the caches.
+TYPED_TEST(SeparableConvolution, AddsToALargeField) {
+  const Lattice<3> lattice{{64, 42, 140}, {1, 1, 1}, {}};
+  const std::size_t count = 3 * lattice.sites();
+  const std::vector<double> values = testing::random_values(count, 7);
+  for (Combine combine : {Combine::Replace, Combine::Add})
+    for (Shape shape : {Shape::Even, Shape::Any})  // in one part and in two, of which the second one adds
+      for (int axis = 0; axis < 3; ++axis) {
+        const AxisTaps<TypeParam> row(random_row(8, shape));
+        const Field<TypeParam> in(values.begin(), values.end());
+        Field<TypeParam> out(count, TypeParam(7)), shifted(count + 1, TypeParam(7));
+        convolve_axis<3, TypeParam>(lattice, 3, axis, row, combine, in.data(), out.data());
+        convolve_axis<3, TypeParam>(lattice, 3, axis, row, combine, in.data(), shifted.data() + 1);
+        EXPECT_TRUE(std::equal(out.begin(), out.end(), shifted.begin() + 1)) << "along " << axis;
+      }
+}
+
 TYPED_TEST(SeparableConvolution, RefusesToReplaceAFieldByWhatTakesTwoPasses) {
   const Lattice<2> lattice{{9, 7}, {1, 1}, {}};
   const AxisTaps<TypeParam> row(random_row(2, Shape::Any));

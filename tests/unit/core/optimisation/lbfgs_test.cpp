@@ -203,6 +203,26 @@ TEST(Minimise, LeavesZeroAloneWhenTheWeightHoldsEveryGroup) {
   EXPECT_EQ(summary.evaluations, 1);
 }
 
+// Pairs are rounded when they are stored, and only what is stored is a model of the curvature that is positive
+// definite.
+TEST(Minimise, KnowsTheCurvatureOfThePairsAsTheyAreStored) {
+  const std::vector<double> stiffness = {1, 3.7, 0.21, 12.9, 5.3}, centre = {1.1, -2.3, 0.7, 3.3, -0.9};
+  Function<float> objective = separable<float>(stiffness, centre);
+  MinimiserState<float> state(std::vector<float>(5, 0.0f));
+  minimise<float>(objective, to_the_end(6), state, [](const MinimiseStep&) { return true; });
+  ASSERT_GE(state.pairs.size(), 3u);
+  double rounded = 0;
+  for (const CurvaturePair<float>& pair : state.pairs) {
+    double product = 0;
+    for (std::size_t i = 0; i < 5; ++i) {
+      product += double(float(pair.s[i])) * double(float(pair.y[i]));
+      rounded = std::max(rounded, std::abs(float(pair.y[i]) / (stiffness[i] * float(pair.s[i])) - 1));
+    }
+    EXPECT_NEAR(pair.rho * product, 1, 1e-12);
+  }
+  EXPECT_GT(rounded, 1e-4);  // else nothing was
+}
+
 TEST(Minimise, StopsWhenTheCallerSaysSoAndKeepsTheLastAcceptedPoint) {
   auto objective = separable<double>({1, 10, 100, 1000}, {1, 2, 3, 4});
   objective.step = 1e-3;

@@ -54,10 +54,10 @@ class Numbers {
          revised_at, settled_at);
   }
   void operator()(Checkpoint& checkpoint) {
-    auto& [step, level, start, beyond_noise, noise_floor, floor_energy, reference, factors, blocks, elements, normals,
-           turned, minimiser, levels, history, seconds, cpu_seconds] = checkpoint;
-    fill(step, level, start, beyond_noise, noise_floor, floor_energy, reference, factors, blocks, elements, normals,
-         turned, minimiser, levels, history, seconds, cpu_seconds);
+    auto& [step, level, start, beyond_noise, noise_floor, floor_energy, floor_optimality, reference, factors, blocks,
+           elements, normals, turned, minimiser, levels, history, seconds, cpu_seconds] = checkpoint;
+    fill(step, level, start, beyond_noise, noise_floor, floor_energy, floor_optimality, reference, factors, blocks,
+         elements, normals, turned, minimiser, levels, history, seconds, cpu_seconds);
   }
 
  private:
@@ -95,6 +95,7 @@ TEST(CheckpointFields, AllSurviveBeingStored) {
   EXPECT_EQ(read.is_beyond_noise, stored.is_beyond_noise);
   EXPECT_EQ(read.noise_floor, stored.noise_floor);
   EXPECT_EQ(read.noise_floor_energy, stored.noise_floor_energy);
+  EXPECT_EQ(read.noise_floor_optimality, stored.noise_floor_optimality);
   EXPECT_EQ(read.optimality_reference, stored.optimality_reference);
   EXPECT_EQ(read.sparsity_factors, stored.sparsity_factors);
   EXPECT_EQ(read.active_blocks, stored.active_blocks);

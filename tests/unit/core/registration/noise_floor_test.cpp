@@ -91,7 +91,7 @@ TEST(NoiseGradient, IsWhatNoiseChangesOfTheGradient) {
       ASSERT_NEAR(found_p[i], with_p[i] - without_p[i], 1e-12 * largest_p) << i;
       most = std::max(most, std::abs(found[i]));
     }
-    EXPECT_GT(most, 1e-5 * largest);
+    EXPECT_GT(most, (has_masks ? 1e-5 : 1e-4) * largest);
 
     // It leaves the objective as it was.
     std::vector<double> again(size), again_p(size);
@@ -271,6 +271,7 @@ TEST(NoiseFloor, GoesOnFromThereWhereFirstOrdersAreLeftOutAfterAll) {
       EXPECT_EQ(level.decision, FirstOrderDecision::LeftOut);
       EXPECT_EQ(level.termination, Termination::NoiseFloor);
       EXPECT_EQ(level.energy_after, before.energy_after);
+      EXPECT_EQ(level.optimality, before.optimality);
       EXPECT_GT(level.iterations, before.iterations);
     }
   }
