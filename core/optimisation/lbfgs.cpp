@@ -7,6 +7,7 @@
 #include <algorithm>
 #include <cmath>
 #include <deque>
+#include <stdexcept>
 #include <tuple>
 
 namespace saltus {
@@ -309,8 +310,9 @@ MinimiseSummary minimise(Objective<T>& objective, const MinimiseOptions& options
     revise_after_look(0);
     state.look_gap = kFirstLookGap;
     fit();
-    // After what has joined was revised: what the look found of it is gone then.
     objective.look_everywhere(false);
+    if (options.noise_tolerance > 0 && objective.has_more())
+      throw std::logic_error("noise is looked at where nothing can join: the look forgets what wanted to");
     if (options.noise_tolerance > 0 && objective.noise_gradient(state.x, next_gradient, next_preconditioned)) {
       ++state.evaluations;
       const double square = preconditioner.dense_square(next_gradient, next_preconditioned);

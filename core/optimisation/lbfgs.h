@@ -17,7 +17,8 @@ struct MinimiseOptions {
   double optimality_tolerance = 0;  ///< ends when the optimality residual falls to this share of its reference
   double optimality_reference = 0;  ///< residual that others are shares of; 0: that at the start
   /// Ends when the square of the optimality residual is at most this share of what noise alone makes of it where the
-  /// run began (Objective::noise_gradient): what still pulls is then mostly noise. 0: does not.
+  /// run began (Objective::noise_gradient): what still pulls is then mostly noise. 0: does not. Not where there is more
+  /// outside the working set (std::logic_error).
   double noise_tolerance = 0;
   int history = 6;
   int max_line_search = 20;

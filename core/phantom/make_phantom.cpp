@@ -5,11 +5,11 @@
 #include <string>
 
 #include "core/phantom/planar_scene.h"
-#include "core/support/random.h"
 #include "core/phantom/scene.h"
 #include "core/phantom/smooth_scene.h"
 #include "core/phantom/thorax_scene.h"
 #include "core/support/errors.h"
+#include "core/support/random.h"
 
 namespace saltus {
 namespace {

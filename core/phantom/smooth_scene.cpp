@@ -3,8 +3,8 @@
 #include <cmath>
 #include <limits>
 
-#include "core/support/random.h"
 #include "core/phantom/scene_support.h"
+#include "core/support/random.h"
 
 namespace saltus {
 namespace {

@@ -116,7 +116,7 @@ RegistrationOptions resolved(const RegistrationOptions& options, const Lattice<D
                      o.flow.evolution == Evolution::Carried;
     o.momenta.orientations = can ? (Dim == 2 ? 8 : 9) : 0;
   }
-  // No more were wanted at full resolution in any 3-D images that slide (core/README.md, "Memory").
+  // No more was wanted at full resolution in the 3-D images that this was measured on (core/README.md, "Memory").
   if (o.momenta.most_active_share == 0) o.momenta.most_active_share = o.model == Model::Auto && Dim == 3 ? 0.75 : 1;
   if (o.momenta.width_voxels == 0) {
     o.momenta.width_voxels = 6;

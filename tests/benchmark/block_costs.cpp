@@ -4,9 +4,9 @@
 #include <cmath>
 #include <ostream>
 
-#include "core/support/random.h"
 #include "core/registration/matching_objective.h"
 #include "core/registration/scales.h"
+#include "core/support/random.h"
 #include "core/support/stopwatch.h"
 
 namespace saltus::benchmark {

@@ -4,10 +4,10 @@
 #include <cmath>
 
 #include "core/optimisation/lbfgs.h"
-#include "core/support/random.h"
 #include "core/registration/finish.h"
 #include "core/registration/matching_objective.h"
 #include "core/registration/scales.h"
+#include "core/support/random.h"
 #include "core/support/stopwatch.h"
 
 namespace saltus::benchmark {

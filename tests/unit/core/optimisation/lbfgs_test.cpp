@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <stdexcept>
 
 #include "core/support/errors.h"
 
@@ -14,7 +15,7 @@ namespace {
 
 /// A smooth function and its gradient, with a diagonal preconditioner and a first step of the caller's choice.
 template <class T>
-class Function final : public Objective<T> {
+class Function : public Objective<T> {
  public:
   using Evaluate = std::function<double(const std::vector<T>& x, std::vector<T>& gradient)>;
   Function(std::size_t size, Evaluate evaluate) : preconditioner(size, T(1)), evaluate_(std::move(evaluate)) {}
@@ -201,6 +202,26 @@ TEST(Minimise, LeavesZeroAloneWhenTheWeightHoldsEveryGroup) {
   EXPECT_EQ(summary.termination, MinimiseTermination::Converged);
   EXPECT_EQ(summary.iterations, 0);
   EXPECT_EQ(summary.evaluations, 1);
+}
+
+// What a look at the noise forgets would be what wants to join.
+TEST(Minimise, RefusesToLookAtTheNoiseWhereThereIsMoreToJoin) {
+  class Growing final : public Function<double> {
+   public:
+    using Function::Function;
+    bool has_more() const override { return true; }
+  };
+  Growing objective(1, [](const std::vector<double>& x, std::vector<double>& gradient) {
+    gradient[0] = x[0] - 1;
+    return 0.5 * gradient[0] * gradient[0];
+  });
+  MinimiseOptions options = to_the_end();
+  std::vector<double> x(1, 0.0);
+  const auto go_on = [](const MinimiseStep&) { return true; };
+  EXPECT_NO_THROW(minimise<double>(objective, options, x, go_on));
+  options.noise_tolerance = 0.1;
+  x = {0};
+  EXPECT_THROW(minimise<double>(objective, options, x, go_on), std::logic_error);
 }
 
 // Pairs are rounded when they are stored, and only what is stored is a model of the curvature that is positive

@@ -5,8 +5,8 @@
 #include <Eigen/LU>
 #include <cmath>
 
-#include "core/support/random.h"
 #include "core/support/errors.h"
+#include "core/support/random.h"
 #include "tests/unit/core/phantom/scene_cases.h"
 
 namespace saltus {

@@ -73,7 +73,9 @@ TEST(AutoModel, LosesNothingOnThePapersRectangle) {
           default_options(k == 0 ? Model::Auto : Model::Sliding, SimilarityType::Ssd, Preset::Balanced);
       options.momenta.regularisation = 3e-6 * (1 + 1e-4 * run);
       const Outcome found = outcome_of(phantom, options);
-      if (k == 0) EXPECT_EQ(found.decision, FirstOrderDecision::LetIn);
+      if (k == 0) {
+        EXPECT_EQ(found.decision, FirstOrderDecision::LetIn);
+      }
       EXPECT_TRUE(found.has_first_order_momenta);
       sum[k] += found.error_mm;
       squares[k] += found.error_mm * found.error_mm;
