@@ -16,7 +16,7 @@ namespace {
 
 constexpr char kMagic[8] = {'S', 'A', 'L', 'T', 'U', 'S', 'C', 'P'};
 /// To be raised with every change of what is stored or of what is computed from it.
-constexpr std::uint32_t kVersion = 23;
+constexpr std::uint32_t kVersion = 24;
 
 struct Header {
   char magic[8];
@@ -136,8 +136,7 @@ void transfer_level(Stream& stream, Level& level) {
   stream(level.active_block_share);
   stream(level.kept_out_share);
   stream(level.decision);
-  stream(level.first_order_gain);
-  stream(level.first_order_shear);
+  stream(level.simple_shear);
   stream(level.oriented_elements);
   stream(level.map_steps);
   stream(level.map_error_mm);
@@ -152,10 +151,6 @@ void transfer(Stream& stream, State& at) {
   stream(at.step);
   transfer_level(stream, at.level);
   stream(at.level_start);
-  stream(at.is_beyond_noise);
-  stream(at.noise_floor);
-  stream(at.noise_floor_energy);
-  stream(at.noise_floor_optimality);
   stream(at.optimality_reference);
   stream.list(at.sparsity_factors, [](auto& s, auto& factors) { s(factors); });
   stream.list(at.active_blocks, [](auto& s, auto& blocks) { s(blocks); });

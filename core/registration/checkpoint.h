@@ -36,16 +36,13 @@ struct Checkpointing {
 struct Checkpoint {
   int step = 0;        ///< which of the levels that are run, 0 is the coarsest
   LevelSummary level;  ///< of that level: the rounds before this one, which is number level.rounds; its time until now
-  std::vector<float> level_start;  ///< momenta that first orders begin beside; empty: where order 0 ended
-  bool is_beyond_noise = false;    ///< the level's first round goes on where mostly noise pulls
-  std::vector<float> noise_floor;  ///< the momenta where it began to do so
-  double noise_floor_energy = 0, noise_floor_optimality = 0;  ///< and the energy and the residual there
-  double optimality_reference = 0;                            ///< of that level
-  std::vector<std::vector<float>> sparsity_factors;           ///< of this round
-  std::vector<std::vector<std::uint32_t>> active_blocks;      ///< that the minimiser's unknowns are of
-  std::vector<std::vector<std::uint32_t>> active_elements;    ///< the same of oriented momenta
-  std::vector<std::vector<float>> turned_normals;             ///< of the oriented momenta in this round, by scale
-  std::vector<std::vector<std::uint32_t>> turned_elements;    ///< that have them
+  std::vector<float> level_start;   ///< momenta that first orders begin beside; empty: where order 0 ended
+  double optimality_reference = 0;  ///< of that level
+  std::vector<std::vector<float>> sparsity_factors;         ///< of this round
+  std::vector<std::vector<std::uint32_t>> active_blocks;    ///< that the minimiser's unknowns are of
+  std::vector<std::vector<std::uint32_t>> active_elements;  ///< the same of oriented momenta
+  std::vector<std::vector<float>> turned_normals;           ///< of the oriented momenta in this round, by scale
+  std::vector<std::vector<std::uint32_t>> turned_elements;  ///< that have them
   MinimiserState<float> minimiser;
   std::vector<LevelSummary> levels;      ///< that have ended
   std::vector<IterationRecord> history;  ///< until now

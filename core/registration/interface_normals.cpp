@@ -2,6 +2,7 @@
 
 #include "core/grid/interpolation.h"
 #include "core/kernels/separable_convolution.h"
+#include "core/registration/velocity_derivative.h"
 
 #include <Eigen/Core>
 #include <Eigen/Eigenvalues>
@@ -22,28 +23,14 @@ const double kAlongAxis = std::cos(6 * std::numbers::pi / 180);
 template <int Dim, class T>
 InterfaceNormals<Dim, T>::InterfaceNormals(const Lattice<Dim>& lattice, const Field<T>& velocity)
     : lattice_(lattice), tensor_(kPairs * lattice.sites()) {
-  std::array<std::size_t, Dim> strides;
-  std::size_t stride = 1;
-  for (int a = 0; a < Dim; ++a) {
-    strides[a] = stride;
-    stride *= static_cast<std::size_t>(lattice.size[a]);
-  }
 #pragma omp parallel for schedule(static)
   for (int slab = 0; slab < lattice.size[Dim - 1]; ++slab)
-    visit_slab<Dim>(lattice, slab, [&](const Index<Dim>& index, std::size_t site) {
-      Eigen::Matrix<T, Dim, Dim> derivative = Eigen::Matrix<T, Dim, Dim>::Zero();
-      for (int a = 0; a < Dim; ++a) {
-        const bool has_above = index[a] + 1 < lattice.size[a], has_below = index[a] > 0;
-        const T span = static_cast<T>((has_above + has_below) * lattice.spacing[a]);
-        if (span == T(0)) continue;
-        const T* above = velocity.data() + Dim * (has_above ? site + strides[a] : site);
-        const T* below = velocity.data() + Dim * (has_below ? site - strides[a] : site);
-        for (int c = 0; c < Dim; ++c) derivative(c, a) = (above[c] - below[c]) / span;
-      }
-      T* tensor = tensor_.data() + kPairs * site;
-      for (int a = 0; a < Dim; ++a)
-        for (int b = a; b < Dim; ++b) *tensor++ = derivative.col(a).dot(derivative.col(b));
-    });
+    visit_derivatives<Dim>(lattice, velocity, slab,
+                           [&](std::size_t site, const Eigen::Matrix<T, Dim, Dim>& derivative) {
+                             T* tensor = tensor_.data() + kPairs * site;
+                             for (int a = 0; a < Dim; ++a)
+                               for (int b = a; b < Dim; ++b) *tensor++ = derivative.col(a).dot(derivative.col(b));
+                           });
   const AxisTaps<T> third(std::vector<double>(3, 1.0 / 3));
   Field<T> smoothed(tensor_.size());
   for (int pass = 0; pass < kPasses; ++pass)

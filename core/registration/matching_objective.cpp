@@ -178,11 +178,11 @@ bool MatchingObjective<Dim, T>::noise_gradient(const std::vector<T>& x, std::vec
 }
 
 template <int Dim, class T>
-FirstOrderPromise MatchingObjective<Dim, T>::first_order_promise(const std::vector<T>& x) {
+bool MatchingObjective<Dim, T>::would_join(const std::vector<T>& x) {
   set_.look_everywhere(true);
   std::vector<T> gradient(size()), preconditioned(set_.dense_size());
   evaluate(x, gradient, preconditioned);
-  return set_.promise(gradient, parts_.similarity);
+  return set_.would_join(gradient);
 }
 
 template <int Dim, class T>

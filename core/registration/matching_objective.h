@@ -70,9 +70,9 @@ class MatchingObjective final : public Objective<T> {
 
   /// Where the velocities are sampled.
   const Lattice<Dim>& flow_lattice() const { return flow_; }
-  /// What first orders promise from x, where they are 0, with the weights of the round. One evaluation. Not for scales
-  /// with directions.
-  FirstOrderPromise first_order_promise(const std::vector<T>& x);
+  /// Whether any first-order momentum would join from x, where they are 0, with the weights of the round. One
+  /// evaluation. Not for scales with directions.
+  bool would_join(const std::vector<T>& x);
   /// Parts of the last evaluation.
   const EnergyParts& parts() const { return parts_; }
 

@@ -126,12 +126,12 @@ std::size_t memory_estimate(const ImageGrid<Dim>& fixed, const ImageGrid<Dim>& m
     }
     // L-BFGS, see MinimiserState: one of its vectors makes room for one on its way while momenta join, and a checkpoint
     // goes straight to a file. Before it has pairs it may look at the noise: with the next gradient, and with three
-    // images. What order 0 began with, and where mostly noise began to pull, may be kept.
+    // images. What order 0 began with may be kept.
     const double history = options.optimisation.history, pair_value = sizeof(Stored<float>);
     const double run = unknowns * (4 * scalar + 2 * history * pair_value) + dense * (2 * scalar + history * pair_value);
     const double noise_look = scalar * (unknowns * 3 + dense * 2 + level * 3);
     const bool looks = smooth && options.optimisation.noise_tolerance > 0;
-    const double beginning = has_first && m.first_order_gain > 0 ? 2 * dense * scalar : 0;
+    const double beginning = has_first && m.first_order_shear > 0 && !m.first_order_waits ? dense * scalar : 0;
     return Round{bytes + beginning + (looks ? std::max(run, noise_look) : run),
                  bytes + unknowns * scalar + flow * nodes * vector, kept};
   };

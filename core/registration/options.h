@@ -66,12 +66,10 @@ struct RegistrationOptions {
     int reweighted_rounds = 0;      ///< times that a level is solved again with weights made from the momenta found
     bool debias = false;            ///< a last round without sparsity on the momenta found
     std::vector<double> direction;  ///< of the derivative of model directional: a unit vector, world (LPS)
-    /// Order 1 takes part only if it promises so much when order 0 has settled, see FirstOrderPromise. Gain 0: always;
-    /// -1, either: what was measured for the similarity and the dimension (core/README.md, "Only where it slides").
-    double first_order_gain = 0, first_order_shear = -1;
-    /// The same on the finest level, where first_order_gain is not 0; -1: as given for all levels, or what was measured
-    /// where that is -1, too.
-    double first_order_finest_gain = -1, first_order_finest_shear = -1;
+    /// On each level order 1 takes part only if the velocity of order 0, settled alone, is simple shear to so much, see
+    /// simple_shear.h; 0: always; -1: what was measured (core/README.md, "Only where it
+    /// slides").
+    double first_order_shear = 0;
     int orientations = 0;            ///< normals that oriented momenta are turned from; 0: there are none of these; -1:
                                      ///< 8 in 2-D and 9 in 3-D, none where there can be none
     double oblique_share = 0;        ///< of an interface must be oblique for oriented momenta to begin

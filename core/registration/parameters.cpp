@@ -305,23 +305,10 @@ const std::vector<Parameter>& parameters() {
           "1,0,0; none when a field of directions is given",
           [](O & o) -> auto& { return o.momenta.direction; }),
       real(
-          "first_order_gain", "similarity left", -1, Lower::Inclusive, inf,
-          "order 1 takes part only if it promises to gain so much when order 0 has settled; 0: always, -1: by "
-          "similarity and dimension",
-          [](O & o) -> auto& { return o.momenta.first_order_gain; }),
-      real(
           "first_order_shear", "", -1, Lower::Inclusive, inf,
-          "and only if it is pulled so much more along interfaces than across them (1: by noise); -1: by similarity "
-          "and dimension",
+          "order 1 takes part only where the velocity of order 0, settled alone, is simple shear to so much (of motion "
+          "that is smooth 2 to 4); 0: always, -1: by dimension",
           [](O & o) -> auto& { return o.momenta.first_order_shear; }),
-      real(
-          "first_order_finest_gain", "similarity left", -1, Lower::Inclusive, inf,
-          "first_order_gain on the finest level; -1: the same, and where that is -1 by similarity",
-          [](O & o) -> auto& { return o.momenta.first_order_finest_gain; }),
-      real(
-          "first_order_finest_shear", "", -1, Lower::Inclusive, inf,
-          "first_order_shear on the finest level; -1: the same, and where that is -1 by similarity",
-          [](O & o) -> auto& { return o.momenta.first_order_finest_shear; }),
       integer(
           "orientations", "", -1, 13,
           "normals that oriented momenta are turned from, so that interfaces that are not along an axis can slide: 4 "
@@ -474,13 +461,6 @@ std::vector<std::string> problems(const RegistrationOptions& options) {
   if (options.pyramid.levels > 0 && options.pyramid.finest_level >= options.pyramid.levels)
     found.push_back("parameter finest_level is " + std::to_string(options.pyramid.finest_level) +
                     "; it must be less than levels, which is " + std::to_string(options.pyramid.levels));
-  if (options.momenta.first_order_gain != 0 && options.model == Model::Directional)
-    found.push_back("parameter first_order_gain is " + std::to_string(options.momenta.first_order_gain) +
-                    " and the model is directional, whose first orders always take part; it must be 0");
-  if (options.momenta.first_order_gain == 0 && options.momenta.first_order_finest_gain > 0)
-    found.push_back("parameter first_order_finest_gain is " + std::to_string(options.momenta.first_order_finest_gain) +
-                    " and first_order_gain is 0, with which first orders always take part; set that above 0, or leave "
-                    "this at -1");
   if (options.momenta.orientations > 0) {
     const std::string given = "parameter orientations is " + std::to_string(options.momenta.orientations);
     if (options.momenta.first_order_scales == 0 || options.model == Model::Directional)

@@ -64,7 +64,7 @@ PyramidRun<Dim>::PyramidRun(const RegistrationInput<Dim>& input, const Registrat
   map_steps_ = options_.flow.map_steps;  // of the first level, before which nothing is known of the motion
 
   // Where first orders have to be worth it, most levels end after the round without them.
-  for (int level : levels_) meter_.plan_step(planned_work(level, options_.momenta.first_order_gain <= 0));
+  for (int level : levels_) meter_.plan_step(planned_work(level, options_.momenta.first_order_shear <= 0));
 
   if (checkpointing.offer || checkpointing.resume) job_ = job_fingerprint(input, asked);
   if (!checkpointing.resume) return;
@@ -149,7 +149,7 @@ void PyramidRun<Dim>::begin_level(std::size_t step) {
   level_cpu_seconds_before_ = level_.cpu_seconds;
 
   has_first_ = has_first_at(level);
-  decides_ = has_first_ && options_.momenta.first_order_gain > 0 &&
+  decides_ = has_first_ && options_.momenta.first_order_shear > 0 &&
              std::none_of(summary_.levels.begin(), summary_.levels.end(),
                           [&](const LevelSummary& before) { return before.decision == FirstOrderDecision::LetIn; });
   rounds_ = sparsity_rounds(options_.momenta, has_first_, has_found());
@@ -186,8 +186,6 @@ void PyramidRun<Dim>::begin_level(std::size_t step) {
   }
   momenta.resize(objective_->size(), Scalar(0));  // finer scales come last and start at 0
   reached_.level_start.clear();
-  reached_.is_beyond_noise = false;
-  reached_.noise_floor.clear();
   if (decides_ && !options_.momenta.first_order_waits) reached_.level_start = momenta;
 }
 
@@ -275,8 +273,7 @@ void PyramidRun<Dim>::minimise_round(std::size_t round) {
     how_.tolerance = std::max(how_.tolerance, optimisation.round_tolerance);
   else if (round == 0 && decides_ && optimisation.look_tolerance > 0)
     how_.tolerance = std::min(how_.tolerance, optimisation.look_tolerance);
-  how_.noise_tolerance =
-      (reached_.is_beyond_noise && round == 0) || !is_smooth(rounds_[round]) ? 0 : optimisation.noise_tolerance;
+  how_.noise_tolerance = is_smooth(rounds_[round]) ? optimisation.noise_tolerance : 0;
   how_.decrease_before = 0;
   if (round > 0 && options_.momenta.first_order_waits) {
     // A round in which first orders waited minimised the same energy, unless order 0 got another weight after it;

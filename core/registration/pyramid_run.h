@@ -19,8 +19,9 @@ namespace saltus {
 /// way, how it is interrupted, and how it goes on from a checkpoint.
 ///
 /// While no first-order momentum exists and none may appear, order 0 is alone: all velocities are smooth, and momenta,
-/// flow and map live on a coarser lattice than the images (flow.coarsening). With momenta.first_order_gain each level
-/// begins so, and one look then tells whether first orders are worth it; once they were, all finer levels have them.
+/// flow and map live on a coarser lattice than the images (flow.coarsening). With momenta.first_order_shear each level
+/// begins so, and its velocity then tells whether first orders are worth it; once they were, all finer levels have
+/// them.
 template <int Dim>
 class PyramidRun {
  public:
@@ -57,13 +58,9 @@ class PyramidRun {
   bool is_smooth(const SparsityRound& round) const;
   bool has_first_at(int level) const;
   bool has_found() const;
-  bool is_enough(const FirstOrderPromise& promise, int level) const;
   double planned_work(int level, bool lets_in) const;
   void make_objective(const SparsityRound& round);
   void choose_map_steps();
-  FirstOrderPromise ask_first_orders();
-  void settle_beyond_noise();
-  void return_to_noise_floor();
   bool first_orders_are_worth_it();
   bool would_join();
   void begin_beside_first_orders();

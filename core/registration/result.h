@@ -36,7 +36,7 @@ enum class Termination {
 };
 std::string to_string(Termination termination);
 
-/// Whether first orders are worth it (momenta.first_order_gain), asked on a level when order 0 had settled alone.
+/// Whether first orders are worth it (momenta.first_order_shear), asked on a level when order 0 had settled alone.
 enum class FirstOrderDecision {
   None,  ///< not asked: there are none, they always take part, or they were let in on a coarser level
   LeftOut,
@@ -59,11 +59,11 @@ struct LevelSummary {
   double active_block_share = 0;  ///< at the end: blocks of first-order momenta that were stored, of all there are
   double kept_out_share = 0;      ///< most of all blocks that momenta.most_active_share had no room for at a time
   FirstOrderDecision decision = FirstOrderDecision::None;
-  double first_order_gain = 0, first_order_shear = 0;  ///< what it rests on, see FirstOrderPromise
-  int oriented_elements = 0;                           ///< at the end: active oriented momenta
-  int map_steps = 1;                                   ///< in each time step
-  double map_error_mm = 0;   ///< at the end, of 99.9 % of the sites, see map_error; 0: nothing moved, or not asked
-  double oblique_share = 0;  ///< of what may slide, see InterfaceNormals; 0 where there are no oriented momenta
+  double simple_shear = 0;    ///< of the velocity that it rests on, see simple_shear.h
+  int oriented_elements = 0;  ///< at the end: active oriented momenta
+  int map_steps = 1;          ///< in each time step
+  double map_error_mm = 0;    ///< at the end, of 99.9 % of the sites, see map_error; 0: nothing moved, or not asked
+  double oblique_share = 0;   ///< of what may slide, see InterfaceNormals; 0 where there are no oriented momenta
   double seconds = 0;
   double cpu_seconds = 0;
 };

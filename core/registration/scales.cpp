@@ -32,25 +32,10 @@ double in_few_digits(double value) {
 /// Voxels that 3-D images are taken at every second of.
 bool is_fine(double reference_mm) { return 2 * reference_mm <= 3; }
 
-/// What first orders have to promise, see FirstOrderPromise, on the finest level and on those before it; measured,
-/// core/README.md, "Only where it slides".
-struct LeastPromise {
-  double gain, shear, finest_gain, finest_shear;
-};
-
-LeastPromise least_promise(SimilarityType similarity, int dimension) {
-  const auto everywhere = [](double gain, double shear) { return LeastPromise{gain, shear, gain, shear}; };
-  switch (similarity) {
-    case SimilarityType::Ssd:
-      return {2, 1.7, 0.1, 1.3};
-    case SimilarityType::Lncc:
-      return dimension == 2 ? everywhere(4.75, 0.6) : everywhere(0.1, 1.3);
-    case SimilarityType::Ncc:
-      return everywhere(1, dimension == 2 ? 1.2 : 1.45);
-    default:
-      return everywhere(2.6, 1.1);
-  }
-}
+/// What the velocity of order 0 has at least where something slides, see simple_shear; measured, core/README.md, "Only
+/// where it slides".
+template <int Dim>
+constexpr double kLeastShear = Dim == 2 ? 4.5 : 10;
 
 }  // namespace
 
@@ -103,13 +88,7 @@ RegistrationOptions resolved(const RegistrationOptions& options, const Lattice<D
                                    ? (Dim == 2 ? 3e-6 : 1e-6)
                                    : default_options(o.model, o.similarity, o.preset).momenta.regularisation;
   if (o.momenta.first_order_finest_scale < 0) o.momenta.first_order_finest_scale = finest;
-  const LeastPromise least = least_promise(o.similarity, Dim);
-  const auto settle = [](double& all, double& on_finest, double least_of_all, double least_on_finest) {
-    if (on_finest < 0) on_finest = all < 0 ? least_on_finest : all;
-    if (all < 0) all = least_of_all;
-  };
-  settle(o.momenta.first_order_gain, o.momenta.first_order_finest_gain, least.gain, least.finest_gain);
-  settle(o.momenta.first_order_shear, o.momenta.first_order_finest_shear, least.shear, least.finest_shear);
+  if (o.momenta.first_order_shear < 0) o.momenta.first_order_shear = kLeastShear<Dim>;
   if (o.momenta.orientations < 0) {
     // With the other evolutions they are worth little (core/README.md, "Slip at any orientation").
     const bool can = o.momenta.first_order_scales > 0 && o.model != Model::Directional && o.momenta.sparsity > 0 &&

@@ -17,17 +17,6 @@
 
 namespace saltus {
 
-/// What the gradient says of first-order momenta that are still 0, by the groups that pull harder than their weight.
-struct FirstOrderPromise {
-  /// Sum of (|g| - weight)^2 / (2 stiffness), as a multiple of the similarity. The similarity's own curvature is not in
-  /// it, so only its order of magnitude means something.
-  double gain = 0;
-  /// Of the matrix G with a column g for each axis, where any of them pulls: what is not its trace, by component, over
-  /// its trace, in squares. A slip t n^T, t along the interface, has no trace, whichever way n points; noise, and
-  /// motion that is smooth but finer than order 0, pull in all directions alike: 1. 0 where nothing pulls.
-  double shear = 0;
-};
-
 /// How many blocks of its order-1 fields a scale may have active: a share of those that a scale of Dim fields with the
 /// image's own lattice has, one at least. Scales that are coarser have fewer and cost little.
 template <int Dim>
@@ -128,9 +117,9 @@ class WorkingSet {
   /// The same for what is preconditioned by the objective, order 0 alone: its fields one after the other.
   std::vector<MomentumTargets<T>> dense_targets(std::vector<T>& preconditioned) const;
   std::size_t dense_size() const;
-  /// What first orders promise where they are 0, from the gradient of an evaluation that looked everywhere and the
-  /// similarity there. Not for scales with directions.
-  FirstOrderPromise promise(std::vector<T>& gradient, double similarity);
+  /// Whether any first-order momentum along an axis, where all are 0, is pulled harder than its weight: by the gradient
+  /// of an evaluation that looked everywhere. Not for scales with directions.
+  bool would_join(std::vector<T>& gradient);
 
  private:
   /// The first orders of one scale: where they lie and how they get from x to all sites of the lattice and back.

@@ -298,43 +298,28 @@ Revision WorkingSet<Dim, T>::revise(MinimiserState<T>& state) {
 }
 
 template <int Dim, class T>
-FirstOrderPromise WorkingSet<Dim, T>::promise(std::vector<T>& gradient, double similarity) {
-  double gain = 0, along = 0, across = 0;
+bool WorkingSet<Dim, T>::would_join(std::vector<T>& gradient) {
   for (std::size_t s = 0; s < scales_.size(); ++s) {
     if (first_[s].fields == 0) continue;
     const T* all = gradient_at_all_sites(s, gradient);
-    const std::size_t first = first_[s].range;
-    for (std::size_t site = 0; site < scales_[s]->lattice().sites(); ++site) {
-      bool pulls = false;
-      double square = 0, trace = 0;  // of the matrix whose columns are the g of the axes, in the metric of the momenta
-      for (std::size_t axis = 0; axis < Dim; ++axis) {
-        const GroupSparsity& range = sparsity_[first + axis];
+    for (std::size_t axis = 0; axis < Dim; ++axis) {
+      const std::size_t at = first_[s].range + axis;
+      const std::vector<float>& factors = factors_[at];
+      for (std::size_t site = 0; site < scales_[s]->lattice().sites(); ++site) {
         const T* g = all + axis * scales_[s]->field_size() + Dim * site;
-        double size = 0;
-        for (int k = 0; k < Dim; ++k) size += static_cast<double>(g[k]) * g[k];
-        const std::vector<float>& factors = factors_[first + axis];
-        const double above = std::sqrt(size) - range.weight * (factors.empty() ? 1.0 : factors[site]);
-        square += range.inverse_stiffness * size;
-        trace += std::sqrt(range.inverse_stiffness) * static_cast<double>(g[axis]);
-        if (!(above > 0)) continue;
-        pulls = true;
-        gain += range.inverse_stiffness / 2 * above * above;
+        double square = 0;
+        for (int k = 0; k < Dim; ++k) square += static_cast<double>(g[k]) * g[k];
+        if (std::sqrt(square) > sparsity_[at].weight * (factors.empty() ? 1.0 : factors[site])) return true;
       }
-      if (!pulls) continue;
-      along += (square - trace * trace) / (Dim - 1);
-      across += trace * trace;
     }
   }
-  FirstOrderPromise promise;
-  if (similarity != 0) promise.gain = gain / std::abs(similarity);
-  if (across > 0) promise.shear = along / across;
-  return promise;
+  return false;
 }
 
 #define SALTUS_REVISION(DIM, T)                                                          \
   template void WorkingSet<DIM, T>::list_candidates(std::size_t, const std::vector<T>&); \
   template Revision WorkingSet<DIM, T>::revise(MinimiserState<T>&);                      \
-  template FirstOrderPromise WorkingSet<DIM, T>::promise(std::vector<T>&, double);
+  template bool WorkingSet<DIM, T>::would_join(std::vector<T>&);
 SALTUS_REVISION(2, float)
 SALTUS_REVISION(3, float)
 SALTUS_REVISION(2, double)

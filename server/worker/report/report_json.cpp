@@ -98,8 +98,7 @@ Json describe(const LevelSummary& level) {
                {"cpu_seconds", level.cpu_seconds}};
   if (level.decision != FirstOrderDecision::None)
     json["first_order_momenta"] = {{"let_in", level.decision == FirstOrderDecision::LetIn},
-                                   {"promised_gain", level.first_order_gain},
-                                   {"promised_shear", level.first_order_shear}};
+                                   {"simple_shear", level.simple_shear}};
   if (level.kept_out_share > 0) json["kept_out_block_share"] = level.kept_out_share;
   if (level.map_error_mm > 0) json["map_error_mm"] = level.map_error_mm;
   if (level.oblique_share > 0)

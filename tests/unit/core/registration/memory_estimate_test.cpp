@@ -126,8 +126,7 @@ TEST(MemoryEstimate, IsABoundForEachPreset) {
 // there is a ridge of shear. L-BFGS has all its pairs.
 TEST(MemoryEstimate, IsABoundWithManyOrientedMomenta) {
   Case one(Model::Auto, SimilarityType::Lncc);
-  one.options.momenta.first_order_gain = 1e-9;
-  one.options.momenta.first_order_shear = 0;
+  one.options.momenta.first_order_shear = 1e-9;
   one.options.momenta.oblique_share = 0;
   one.options.momenta.sparsity = 1e-3;
   one.options.momenta.most_active_share = 1;

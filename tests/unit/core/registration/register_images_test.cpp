@@ -180,7 +180,7 @@ TEST(RegisterImages, NeverLetsTheEnergyRiseWithinARound) {
       options.momenta.sparsity = 1e-4;
       options.momenta.sparsity_path = options.momenta.reweighted_rounds = 2;
       options.momenta.debias = true;
-      if (model == Model::Auto) options.momenta.first_order_gain = 1e-9, options.momenta.first_order_shear = 0;
+      if (model == Model::Auto) options.momenta.first_order_shear = 1e-9;
       if (model == Model::Directional) options.momenta.direction = {1, 0};
       const int rounds = options.momenta.first_order_scales > 0 ? (options.momenta.first_order_waits ? 6 : 5) : 1;
       const RegistrationSummary summary = register_images<2>(sliding_pair<2>(plane(), 2.0), options).summary;

@@ -46,45 +46,23 @@ TEST(ResolvedOptions, LetAccurateSeeFinerImagesWithTheSameKernels) {
   EXPECT_EQ(resolved(asked, block(1)).momenta.finest_scale, 0);
 }
 
-// The numbers are measured; what is said here is where they differ, and that what is asked for stands.
 TEST(ResolvedOptions, AskOfFirstOrdersWhatWasMeasured) {
-  for (const SimilarityType similarity : {SimilarityType::Ssd, SimilarityType::Ncc, SimilarityType::Lncc,
-                                          SimilarityType::Mi, SimilarityType::Ngf, SimilarityType::Mind}) {
-    SCOPED_TRACE(to_string(similarity));
-    const RegistrationOptions::Momenta flat = resolved(automatic(similarity), plane(1)).momenta,
-                                       deep = resolved(automatic(similarity), block(2)).momenta;
-    for (const auto& momenta : {flat, deep}) {
-      EXPECT_GT(momenta.first_order_gain, 0);
-      EXPECT_GT(momenta.first_order_shear, 0);
-      if (similarity == SimilarityType::Ssd) {
-        EXPECT_LT(momenta.first_order_finest_gain, momenta.first_order_gain);
-        EXPECT_LT(momenta.first_order_finest_shear, momenta.first_order_shear);
-      } else {
-        EXPECT_EQ(momenta.first_order_finest_gain, momenta.first_order_gain);
-        EXPECT_EQ(momenta.first_order_finest_shear, momenta.first_order_shear);
-      }
-    }
-    if (similarity == SimilarityType::Lncc || similarity == SimilarityType::Ncc) {
-      EXPECT_GT(deep.first_order_shear, flat.first_order_shear);
-    }
+  for (const SimilarityType similarity : {SimilarityType::Ssd, SimilarityType::Lncc}) {
+    const double flat = resolved(automatic(similarity), plane(1)).momenta.first_order_shear,
+                 deep = resolved(automatic(similarity), block(2)).momenta.first_order_shear;
+    EXPECT_GT(flat, 2);  // what chance makes, see simple_shear.h
+    EXPECT_GT(deep, 3);
   }
+  RegistrationOptions asked = automatic(SimilarityType::Ssd);
+  asked.momenta.first_order_shear = 0.25;
+  EXPECT_EQ(resolved(asked, plane(1)).momenta.first_order_shear, 0.25);
+}
+
+TEST(ResolvedOptions, BoundWhatAutoMayHaveActiveInSpace) {
   EXPECT_EQ(resolved(automatic(SimilarityType::Lncc), plane(1)).momenta.most_active_share, 1);
   EXPECT_EQ(resolved(automatic(SimilarityType::Lncc), block(1)).momenta.most_active_share, 0.75);
   const RegistrationOptions sliding = default_options(Model::Sliding, SimilarityType::Lncc, Preset::Balanced);
   EXPECT_EQ(resolved(sliding, block(1)).momenta.most_active_share, 1);
-  RegistrationOptions asked = automatic(SimilarityType::Ssd);
-  asked.momenta.first_order_gain = 5;
-  asked.momenta.first_order_shear = 0.25;
-  RegistrationOptions::Momenta momenta = resolved(asked, plane(1)).momenta;
-  EXPECT_EQ(momenta.first_order_gain, 5);
-  EXPECT_EQ(momenta.first_order_finest_gain, 5);
-  EXPECT_EQ(momenta.first_order_shear, 0.25);
-  EXPECT_EQ(momenta.first_order_finest_shear, 0.25);
-  asked.momenta.first_order_finest_gain = 0.5;
-  asked.momenta.first_order_finest_shear = 0.75;
-  momenta = resolved(asked, plane(1)).momenta;
-  EXPECT_EQ(momenta.first_order_finest_gain, 0.5);
-  EXPECT_EQ(momenta.first_order_finest_shear, 0.75);
 }
 
 // core/README.md, "Regularisation": only with ssd is another weight better in space than in a plane.

@@ -223,7 +223,7 @@ TEST(LookTolerance, LetsOrderZeroSettleBeforeFirstOrdersAreAskedFor) {
   RegistrationOptions options = default_options(Model::Auto, SimilarityType::Ssd, Preset::Balanced);
   options.threads = 1;
   options.pyramid.levels = 1;
-  options.momenta.first_order_gain = options.momenta.first_order_finest_gain = 1e9;
+  options.momenta.first_order_shear = 1e9;
   const auto iterations = [&](double tolerance, double look_tolerance) {
     options.optimisation.tolerance = tolerance;
     options.optimisation.look_tolerance = look_tolerance;

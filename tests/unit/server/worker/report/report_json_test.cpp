@@ -51,12 +51,11 @@ TEST(ReportJson, TellsWhatALevelDecidedOnFirstOrderMomenta) {
   ReportScene<2> scene(3);
   EXPECT_FALSE(json::parse(json_of(scene.report))["levels"][0].contains("first_order_momenta"));
   LevelSummary& level = scene.result.summary.levels[0];
-  level.first_order_gain = 0.375;
-  level.first_order_shear = 1.75;
+  level.simple_shear = 1.75;
   for (bool is_in : {true, false}) {
     level.decision = is_in ? FirstOrderDecision::LetIn : FirstOrderDecision::LeftOut;
     EXPECT_EQ(json::parse(json_of(scene.report))["levels"][0]["first_order_momenta"],
-              json({{"let_in", is_in}, {"promised_gain", 0.375}, {"promised_shear", 1.75}}));
+              json({{"let_in", is_in}, {"simple_shear", 1.75}}));
   }
 }
 
