@@ -33,9 +33,12 @@ double in_few_digits(double value) {
 bool is_fine(double reference_mm) { return 2 * reference_mm <= 3; }
 
 /// What the velocity of order 0 has at least where something slides, see simple_shear; measured, core/README.md, "Only
-/// where it slides".
-template <int Dim>
-constexpr double kLeastShear = Dim == 2 ? 4.5 : 10;
+/// where it slides". With lncc first orders are dear in 3-D images and bring little where much else than shear is seen:
+/// there only who asks for accuracy has them wherever motion is not all smooth.
+double least_shear(int dimension, SimilarityType similarity, Preset preset) {
+  if (dimension == 2 || similarity != SimilarityType::Lncc) return 4.3;
+  return preset == Preset::Accurate ? 5 : 10;
+}
 
 }  // namespace
 
@@ -88,7 +91,7 @@ RegistrationOptions resolved(const RegistrationOptions& options, const Lattice<D
                                    ? (Dim == 2 ? 3e-6 : 1e-6)
                                    : default_options(o.model, o.similarity, o.preset).momenta.regularisation;
   if (o.momenta.first_order_finest_scale < 0) o.momenta.first_order_finest_scale = finest;
-  if (o.momenta.first_order_shear < 0) o.momenta.first_order_shear = kLeastShear<Dim>;
+  if (o.momenta.first_order_shear < 0) o.momenta.first_order_shear = least_shear(Dim, o.similarity, o.preset);
   if (o.momenta.orientations < 0) {
     // With the other evolutions they are worth little (core/README.md, "Slip at any orientation").
     const bool can = o.momenta.first_order_scales > 0 && o.model != Model::Directional && o.momenta.sparsity > 0 &&
