@@ -259,7 +259,7 @@ const std::vector<Parameter>& parameters() {
       real(
           "regularisation_beside_first", "per mm^2", 0, Lower::Inclusive, inf,
           "weight of the order-0 part once first orders take part; 0: that of regularisation, or what full_contrast "
-          "says",
+          "says, and for auto with lncc ten times that",
           [](O & o) -> auto& { return o.momenta.regularisation_beside_first; }),
       integer(
           "first_order_scales", "", 0, 8, "number of order-1 scales; 0 leaves order 1 out",
@@ -415,8 +415,9 @@ const std::vector<Parameter>& parameters() {
           [](O & o) -> auto& { return o.optimisation.round_tolerance; }),
       real(
           "look_tolerance", "", 0, Lower::Inclusive, 1,
-          "the same of a round without first-order momenta after which it is asked what they would gain, where smaller "
-          "than tolerance; 0: that",
+          "the same of a round without first-order momenta whose velocity is then asked whether something slides, "
+          "where "
+          "smaller than tolerance; 0: that",
           [](O & o) -> auto& { return o.optimisation.look_tolerance; }),
       real(
           "optimality_tolerance", "", 0, Lower::Inclusive, 1,

@@ -318,7 +318,7 @@ void PyramidRun<Dim>::choose_map_steps() {
   const double voxel = *std::min_element(next.spacing.begin(), next.spacing.end());
   // Of second order, as if all steps were the map's.
   const double needed = level_.map_steps * std::sqrt(level_.map_error_mm / (options_.flow.map_tolerance * voxel));
-  // What the finest level adds to the motion is narrow, and where steps are few noise is worth more to first orders.
+  // What the finest level adds to the motion is narrow.
   const int least = step_ + 2 == levels_.size() ? options_.flow.map_steps : 1;
   map_steps_ = std::max(least, needed <= kMostMapSteps ? static_cast<int>(std::ceil(needed)) : kMostMapSteps);
 }

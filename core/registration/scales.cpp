@@ -33,12 +33,14 @@ double in_few_digits(double value) {
 bool is_fine(double reference_mm) { return 2 * reference_mm <= 3; }
 
 /// What the velocity of order 0 has at least where something slides, see simple_shear; measured, core/README.md, "Only
-/// where it slides". With lncc first orders are dear in 3-D images and bring little where much else than shear is seen:
-/// there only who asks for accuracy has them wherever motion is not all smooth.
-double least_shear(int dimension, SimilarityType similarity, Preset preset) {
-  if (dimension == 2 || similarity != SimilarityType::Lncc) return 4.3;
-  return preset == Preset::Accurate ? 5 : 10;
+/// where it slides". With lncc first orders are dear in 3-D images and bring little where much else than shear is seen.
+double least_shear(int dimension, SimilarityType similarity) {
+  return dimension == 2 || similarity != SimilarityType::Lncc ? 4.3 : 11.3;
 }
+
+/// With lncc, beside first orders that were let in: what is sharp is theirs, and order 0 draws it out no more (core/
+/// README.md, "Regularisation").
+constexpr double kStifferBesideFirst = 10;
 
 }  // namespace
 
@@ -91,7 +93,7 @@ RegistrationOptions resolved(const RegistrationOptions& options, const Lattice<D
                                    ? (Dim == 2 ? 3e-6 : 1e-6)
                                    : default_options(o.model, o.similarity, o.preset).momenta.regularisation;
   if (o.momenta.first_order_finest_scale < 0) o.momenta.first_order_finest_scale = finest;
-  if (o.momenta.first_order_shear < 0) o.momenta.first_order_shear = least_shear(Dim, o.similarity, o.preset);
+  if (o.momenta.first_order_shear < 0) o.momenta.first_order_shear = least_shear(Dim, o.similarity);
   if (o.momenta.orientations < 0) {
     // With the other evolutions they are worth little (core/README.md, "Slip at any orientation").
     const bool can = o.momenta.first_order_scales > 0 && o.model != Model::Directional && o.momenta.sparsity > 0 &&
@@ -128,6 +130,8 @@ RegistrationOptions resolved(const RegistrationOptions& options, const Lattice<D
     }
     o.momenta.full_contrast = 0;  // it has been followed
   }
+  if (o.model == Model::Auto && o.similarity == SimilarityType::Lncc && o.momenta.regularisation_beside_first == 0)
+    o.momenta.regularisation_beside_first = kStifferBesideFirst * o.momenta.regularisation;
   if (o.momenta.scales == 0) o.momenta.scales = std::max(1, o.pyramid.levels - o.momenta.finest_scale);
   return o;
 }

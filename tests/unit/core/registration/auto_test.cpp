@@ -123,9 +123,25 @@ INSTANTIATE_TEST_SUITE_P(Similarities, Auto,
                          ::testing::Values(SimilarityType::Ssd, SimilarityType::Ncc, SimilarityType::Lncc),
                          [](const auto& info) { return to_string(info.param); });
 
+// Beside first orders order 0 has the wide part of the motion alone.
+TEST(AutoModel, IsBetterWhereOrderZeroIsHeldBesideFirstOrders) {
+  double error[2] = {};
+  for (double degrees : {0.0, 20.0, 45.0}) {
+    PhantomOptions scene = default_phantom_options(PhantomKind::Slip);
+    scene.angle_deg = degrees;
+    const Phantom<2> phantom = make_phantom<2>(scene);
+    RegistrationOptions options = default_options(Model::Auto, SimilarityType::Lncc, Preset::Balanced);
+    error[0] += outcome_of(phantom, options).error_mm;
+    options.momenta.regularisation_beside_first = options.momenta.regularisation;
+    error[1] += outcome_of(phantom, options).error_mm;
+  }
+  EXPECT_LT(error[0], 0.95 * error[1]);
+}
+
 TEST(AutoModel, IsSlidingThatAsksFirst) {
   RegistrationOptions options = default_options(Model::Auto, SimilarityType::Lncc, Preset::Balanced);
   options.momenta.first_order_shear = 0;
+  options.momenta.regularisation_beside_first = options.momenta.regularisation;
   options.momenta.orientations = 0;
   options.flow.map_tolerance = 0;
   const Phantom<2> phantom = make_phantom<2>(default_phantom_options(PhantomKind::Smooth));

@@ -52,10 +52,29 @@ TEST(ResolvedOptions, AskOfFirstOrdersWhatWasMeasured) {
                  deep = resolved(automatic(similarity), block(2)).momenta.first_order_shear;
     EXPECT_GT(flat, 2);  // what chance makes, see simple_shear.h
     EXPECT_GT(deep, 3);
+    if (similarity == SimilarityType::Lncc) {
+      EXPECT_GT(deep, 2 * flat);
+    } else {
+      EXPECT_EQ(deep, flat);
+    }
   }
   RegistrationOptions asked = automatic(SimilarityType::Ssd);
   asked.momenta.first_order_shear = 0.25;
   EXPECT_EQ(resolved(asked, plane(1)).momenta.first_order_shear, 0.25);
+}
+
+// core/README.md, "Regularisation".
+TEST(ResolvedOptions, HoldOrderZeroMoreBesideFirstOrdersThatWereLetIn) {
+  RegistrationOptions asked = automatic(SimilarityType::Lncc);
+  asked.momenta.regularisation = 3e-4;
+  EXPECT_DOUBLE_EQ(resolved(asked, plane(1)).momenta.regularisation_beside_first, 3e-3);
+  asked.momenta.regularisation_beside_first = 5e-4;
+  EXPECT_EQ(resolved(asked, plane(1)).momenta.regularisation_beside_first, 5e-4);
+  for (Model model : {Model::Sliding, Model::Wendland1}) {
+    const RegistrationOptions other = default_options(model, SimilarityType::Lncc, Preset::Balanced);
+    EXPECT_EQ(resolved(other, plane(1)).momenta.regularisation_beside_first, 0);
+  }
+  EXPECT_EQ(resolved(automatic(SimilarityType::Ncc), plane(1)).momenta.regularisation_beside_first, 0);
 }
 
 TEST(ResolvedOptions, BoundWhatAutoMayHaveActiveInSpace) {
