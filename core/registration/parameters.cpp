@@ -306,8 +306,8 @@ const std::vector<Parameter>& parameters() {
           [](O & o) -> auto& { return o.momenta.direction; }),
       real(
           "first_order_shear", "", -1, Lower::Inclusive, inf,
-          "order 1 takes part only where the velocity of order 0, settled alone, is simple shear to so much (of motion "
-          "that is smooth 2 to 4); 0: always, -1: by dimension",
+          "order 1 takes part only where the velocity of order 0, settled alone, is simple shear to so much (smooth "
+          "motion has 1 to 5); 0: always, -1: by similarity and dimension",
           [](O & o) -> auto& { return o.momenta.first_order_shear; }),
       integer(
           "orientations", "", -1, 13,
@@ -462,6 +462,12 @@ std::vector<std::string> problems(const RegistrationOptions& options) {
   if (options.pyramid.levels > 0 && options.pyramid.finest_level >= options.pyramid.levels)
     found.push_back("parameter finest_level is " + std::to_string(options.pyramid.finest_level) +
                     "; it must be less than levels, which is " + std::to_string(options.pyramid.levels));
+  if (options.momenta.first_order_shear != 0 && options.model == Model::Directional)
+    found.push_back("parameter first_order_shear is " + std::to_string(options.momenta.first_order_shear) +
+                    " and the model is directional, whose first orders always take part; it must be 0");
+  if (options.momenta.first_order_shear > 0 && options.momenta.sparsity == 0)
+    found.push_back("parameter first_order_shear is " + std::to_string(options.momenta.first_order_shear) +
+                    " and sparsity is 0, with which first orders always take part; set that above 0, or this to 0");
   if (options.momenta.orientations > 0) {
     const std::string given = "parameter orientations is " + std::to_string(options.momenta.orientations);
     if (options.momenta.first_order_scales == 0 || options.model == Model::Directional)

@@ -64,7 +64,7 @@ PyramidRun<Dim>::PyramidRun(const RegistrationInput<Dim>& input, const Registrat
   map_steps_ = options_.flow.map_steps;  // of the first level, before which nothing is known of the motion
 
   // Where first orders have to be worth it, most levels end after the round without them.
-  for (int level : levels_) meter_.plan_step(planned_work(level, options_.momenta.first_order_shear <= 0));
+  for (int level : levels_) meter_.plan_step(planned_work(level, options_.momenta.first_order_shear == 0));
 
   if (checkpointing.offer || checkpointing.resume) job_ = job_fingerprint(input, asked);
   if (!checkpointing.resume) return;

@@ -35,7 +35,8 @@ bool is_fine(double reference_mm) { return 2 * reference_mm <= 3; }
 /// What the velocity of order 0 has at least where something slides, see simple_shear; measured, core/README.md, "Only
 /// where it slides". With lncc first orders are dear in 3-D images and bring little where much else than shear is seen.
 double least_shear(int dimension, SimilarityType similarity) {
-  return dimension == 2 || similarity != SimilarityType::Lncc ? 4.3 : 11.3;
+  if (dimension == 2) return 6;
+  return similarity == SimilarityType::Lncc ? 11.3 : 5.5;
 }
 
 /// With lncc, beside first orders that were let in: what is sharp is theirs, and order 0 draws it out no more (core/
@@ -93,7 +94,8 @@ RegistrationOptions resolved(const RegistrationOptions& options, const Lattice<D
                                    ? (Dim == 2 ? 3e-6 : 1e-6)
                                    : default_options(o.model, o.similarity, o.preset).momenta.regularisation;
   if (o.momenta.first_order_finest_scale < 0) o.momenta.first_order_finest_scale = finest;
-  if (o.momenta.first_order_shear < 0) o.momenta.first_order_shear = least_shear(Dim, o.similarity);
+  if (o.momenta.first_order_shear < 0)  // without sparsity they cannot be left out
+    o.momenta.first_order_shear = o.momenta.sparsity > 0 ? least_shear(Dim, o.similarity) : 0;
   if (o.momenta.orientations < 0) {
     // With the other evolutions they are worth little (core/README.md, "Slip at any orientation").
     const bool can = o.momenta.first_order_scales > 0 && o.model != Model::Directional && o.momenta.sparsity > 0 &&

@@ -2,6 +2,7 @@
 
 #include "core/registration/velocity_derivative.h"
 
+#include <cmath>
 #include <vector>
 
 namespace saltus {
@@ -29,7 +30,7 @@ double simple_shear(const Lattice<Dim>& lattice, const Field<T>& velocity) {
     all.fourth += one.fourth;
     all.square += one.square;
   }
-  if (all.fourth == 0) return 0;
+  if (!(all.fourth > 0) || !std::isfinite(all.fourth)) return 0;
   return all.square * most > all.fourth ? all.fourth / all.square : most;
 }
 

@@ -53,11 +53,12 @@ std::string measured_from(const std::string& name, const ReportInput<Dim>& input
   }
   if (name == "most_active_share") return "from the model and the dimension; it bounds the memory that a job declares";
   if (name == "kernel_widths") return "from the model, the similarity and the noise on the finest level";
-  if (name == "regularisation" ||
-      (name.starts_with("first_order_") && (name.ends_with("gain") || name.ends_with("shear"))))
+  if (name == "regularisation" || name == "first_order_shear")
     return "from the similarity and the dimension, for which it was measured";
   if (name == "regularisation_beside_first")
-    return "from the fixed image's contrast, which is low (full_contrast), and the noise";
+    return input.options->similarity == SimilarityType::Lncc
+               ? "from the model and the similarity: what is sharp is left to first orders"
+               : "from the fixed image's contrast, which is low (full_contrast), and the noise";
   if (name == "sparsity")
     return input.options->momenta.sparsity_noise > 0
                ? "from the noise on the finest level (sparsity_noise)"
@@ -136,10 +137,10 @@ std::vector<Choice> choices(const ReportInput<Dim>& input) {
     found.push_back({"level " + std::to_string(level.level) + ": first-order momenta", is_in ? "let in" : "left out",
                      "",
                      "with order 0 settled the simple shear of its velocity was " + number(level.simple_shear) +
-                         " (asked: " + number(asked.first_order_shear) + "; motion without a slip has 2 to 4): " +
+                         " (asked: " + number(asked.first_order_shear) + "): " +
                          (is_in   ? "something slides"
                           : shows ? "something slides, but none of them wanted to join"
-                                  : "nothing slides that they could show"),
+                                  : "nothing slides so much that they are worth their time"),
                      false});
   }
   for (const LevelSummary& level : summary.levels) {

@@ -95,7 +95,7 @@ Finding interface_finding(const ReportInput<Dim>& input, const Analysis<Dim>& an
                                " mm between neighbouring voxels."};
   return {Verdict::Look,
           "The motion found is smooth, since no first-order momenta take part" +
-              std::string(input.options->model == Model::Auto ? " (auto found that they gain too little)" : "") +
+              std::string(input.options->model == Model::Auto ? " (auto found too little simple shear)" : "") +
               ", but along " + extent_text(interface) + " it changes by " + number(interface.slip_mm.median) +
               " mm (median) from voxel to voxel. Where tissue slides there, --model sliding lets it."};
 }

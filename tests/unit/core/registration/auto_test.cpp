@@ -217,6 +217,23 @@ TEST(AutoModel, BeginsSmoothAgainWhereNoBlockHasJoined) {
   EXPECT_LT(found.error_mm, 1.02 * without.error_mm);
 }
 
+TEST(AutoModel, DoesNotAskWhereFirstOrdersAlwaysTakePart) {
+  RegistrationOptions options = default_options(Model::Directional, SimilarityType::Ssd, Preset::Balanced);
+  options.momenta.first_order_shear = 5;
+  EXPECT_THAT(problems(options), ::testing::Contains(::testing::HasSubstr("the model is directional")));
+  options = default_options(Model::Auto, SimilarityType::Ssd, Preset::Balanced);
+  options.momenta.sparsity = options.momenta.orientations = 0;
+  EXPECT_TRUE(problems(options).empty());
+  PhantomOptions scene = default_phantom_options(PhantomKind::Slip);
+  scene.size = {64, 64, 1};
+  options.optimisation.max_iterations = 5;
+  const Outcome found = outcome_of(make_phantom<2>(scene), options);
+  EXPECT_EQ(found.decision, FirstOrderDecision::None);
+  EXPECT_TRUE(found.has_first_order_momenta);
+  options.momenta.first_order_shear = 5;
+  EXPECT_THAT(problems(options), ::testing::ElementsAre(::testing::HasSubstr("sparsity is 0")));
+}
+
 // A far motion needs shorter steps than none; how short is known from the level before, also to a run that is taken up
 // again.
 TEST(AutoMapSteps, FollowTheMotion) {

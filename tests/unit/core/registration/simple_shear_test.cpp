@@ -5,6 +5,7 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <limits>
 #include <numbers>
 #include <random>
 
@@ -70,6 +71,37 @@ TEST(SimpleShear, IsTwoOrThreeByChance) {
   Field<float> solid(3 * deep.sites());
   for (float& value : solid) value = normal(random);
   EXPECT_NEAR(simple_shear(deep, solid), 3, 0.1);
+}
+
+// v = (d psi / dy, -d psi / dx), psi a sum of many waves in all directions, is isotropic: 112 / 24.
+TEST(SimpleShear, IsFourteenThirdsByChanceWhereVolumeIsKept) {
+  std::mt19937 random(3);
+  std::uniform_real_distribution<double> phase(0, 2 * std::numbers::pi);
+  const Lattice<2> wide{{256, 256}, {1, 1}, {}};
+  double sum = 0;
+  constexpr int runs = 8;
+  for (int run = 0; run < runs; ++run) {
+    Field<double> velocity(2 * wide.sites(), 0.0);
+    for (int wave = 0; wave < 30; ++wave) {
+      const double angle = phase(random), shift = phase(random), kx = 0.3 * std::cos(angle), ky = 0.3 * std::sin(angle);
+      for (int y = 0; y < wide.size[1]; ++y)
+        for (int x = 0; x < wide.size[0]; ++x) {
+          const double slope = std::cos(kx * x + ky * y + shift);
+          velocity[2 * (256 * y + x)] += ky * slope;
+          velocity[2 * (256 * y + x) + 1] -= kx * slope;
+        }
+    }
+    sum += simple_shear(wide, velocity);
+  }
+  EXPECT_NEAR(sum / runs, 14.0 / 3, 0.35);
+}
+
+TEST(SimpleShear, IsZeroWhereTheVelocityIsNotFinite) {
+  Field<double> velocity(2 * plane.sites(), 1.0);
+  for (double value : {std::numeric_limits<double>::quiet_NaN(), std::numeric_limits<double>::infinity()}) {
+    velocity[30] = value;
+    EXPECT_EQ(simple_shear(plane, velocity), 0);
+  }
 }
 
 // A layer in which all shears, in the middle of a motion that is smooth and larger: fourth powers tell the layer.

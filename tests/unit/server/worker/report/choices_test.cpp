@@ -145,10 +145,10 @@ TEST(Choices, TellWhetherFirstOrderMomentaWereLetInAndWhy) {
   LevelSummary& level = scene.result.summary.levels[0];
   scene.result.options.momenta.first_order_shear = 4.5;
   const auto is = [&](const char* value, const char* shear, const char* end) {
-    return Contains(
-        AllOf(named, Field(&Choice::value, value),
-              Field(&Choice::why, AllOf(HasSubstr("shear of its velocity was " + std::string(shear) + " (asked: 4.5;"),
-                                        HasSubstr(std::string("): ") + end)))));
+    return Contains(AllOf(
+        named, Field(&Choice::value, value),
+        Field(&Choice::why, AllOf(HasSubstr("shear of its velocity was " + std::string(shear) + " (asked: 4.5): "),
+                                  HasSubstr(std::string("): ") + end)))));
   };
   level.simple_shear = 12.5;
   level.decision = FirstOrderDecision::LetIn;

@@ -71,7 +71,7 @@ TEST(Findings, CallNothingASlideThatHasNoFirstOrderMomenta) {
   EXPECT_THAT(findings_of(scene),
               AllOf(Contains(smooth), Not(Contains(Field(&Finding::text, HasSubstr("The motion slides"))))));
   scene.options.model = Model::Auto;
-  EXPECT_THAT(findings_of(scene), Contains(finding(Verdict::Look, "auto found that they gain too little")));
+  EXPECT_THAT(findings_of(scene), Contains(finding(Verdict::Look, "auto found too little simple shear")));
   ReportScene<2> unused(3);
   EXPECT_TRUE(analyse(unused.report).may_slide);
   unused.result.summary.active_first_order_share = 0;
