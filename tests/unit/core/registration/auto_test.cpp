@@ -217,6 +217,43 @@ TEST(AutoModel, BeginsSmoothAgainWhereNoBlockHasJoined) {
   EXPECT_LT(found.error_mm, 1.02 * without.error_mm);
 }
 
+// Whatever the velocity says: where no first-order momentum wants to join, rounds with them would be for nothing.
+TEST(AutoModel, LeavesFirstOrdersOutWhereNoneWouldJoin) {
+  PhantomOptions scene = default_phantom_options(PhantomKind::Slip);
+  scene.size = {64, 64, 1};
+  RegistrationOptions options = default_options(Model::Auto, SimilarityType::Lncc, Preset::Balanced);
+  options.momenta.orientations = 0;
+  options.momenta.sparsity = 1e6;
+  options.momenta.first_order_shear = 1e-9;
+  const RegistrationInput<2> input = pair_of(make_phantom<2>(scene));
+  const LevelSummary asked = register_images<2>(input, options).summary.levels.back();
+  EXPECT_EQ(asked.decision, FirstOrderDecision::LeftOut);
+  EXPECT_GT(asked.simple_shear, 1);
+  options.momenta.first_order_shear = 1e9;
+  const LevelSummary not_asked = register_images<2>(input, options).summary.levels.back();
+  EXPECT_EQ(asked.evaluations, not_asked.evaluations + 1);
+  EXPECT_EQ(asked.energy_after, not_asked.energy_after);
+}
+
+// With ssd first orders that were let in begin where the level began, as if order 0 had not been alone before.
+TEST(AutoModel, BeginsTheLevelAgainWhereFirstOrdersDoNotWait) {
+  PhantomOptions scene = default_phantom_options(PhantomKind::Slip);
+  scene.size = {64, 64, 1};
+  const RegistrationInput<2> input = pair_of(make_phantom<2>(scene));
+  RegistrationOptions options = default_options(Model::Auto, SimilarityType::Ssd, Preset::Balanced);
+  options.pyramid.levels = 1;
+  options.momenta.full_contrast = 0;
+  options.optimisation.max_iterations = 6;
+  options.optimisation.optimality_tolerance = 0;
+  options.momenta.first_order_shear = 1e-9;
+  const RegistrationResult<2> asked = register_images<2>(input, options);
+  EXPECT_EQ(asked.summary.levels.back().decision, FirstOrderDecision::LetIn);
+  options.momenta.first_order_shear = 0;
+  const RegistrationResult<2> not_asked = register_images<2>(input, options);
+  EXPECT_EQ(asked.summary.levels.back().rounds, not_asked.summary.levels.back().rounds + 1);
+  EXPECT_EQ(asked.displacement.samples, not_asked.displacement.samples);
+}
+
 TEST(AutoModel, DoesNotAskWhereFirstOrdersAlwaysTakePart) {
   RegistrationOptions options = default_options(Model::Directional, SimilarityType::Ssd, Preset::Balanced);
   options.momenta.first_order_shear = 5;
