@@ -50,12 +50,13 @@ struct RegistrationOptions {
     int finest_scale = -1;  ///< q: the finest order-0 scale has 2^q reference voxels; -1: that of the finest level, but
                             ///< where order 0 is Gaussian and the similarity not ssd at least 1 in 2-D, and in 3-D
                             ///< where accurate takes voxels of up to 1.5 mm; -2: the next coarser
-    double regularisation = 0.01;            ///< weight of 1/2 ||v_0||^2, per mm^2; 0: by similarity, and with ssd
-                                             ///< less in 3-D, as measured (core/README.md, "Regularisation")
-    double regularisation_beside_first = 0;  ///< that, once first orders take part; 0: no other, but ten times as much
-                                             ///< for auto with lncc, as measured (core/README.md, "Regularisation")
-    int first_order_scales = 0;              ///< number of order-1 scales; 0 leaves order 1 out
-    int first_order_finest_scale = -1;       ///< as finest_scale, for order 1 (-1 or more)
+    double regularisation = 0.01;  ///< weight of 1/2 ||v_0||^2, per mm^2; 0: by similarity, and with ssd
+                                   ///< less in 3-D, as measured (core/README.md, "Regularisation")
+    double regularisation_beside_first =
+        0;                              ///< that, once first orders take part; 0: no other, but three times as much
+                                        ///< for auto with lncc but fast, as measured (core/README.md, "Regularisation")
+    int first_order_scales = 0;         ///< number of order-1 scales; 0 leaves order 1 out
+    int first_order_finest_scale = -1;  ///< as finest_scale, for order 1 (-1 or more)
     double first_order_regularisation = 0.01;  ///< weight of 1/2 ||v_i||^2, per mm^2
     double sparsity = 0;                       ///< lambda of the group L1 on a_1 m_i (a velocity), per mm
     double sparsity_noise = 0;  ///< lambda is `sparsity` times 1 + (noise of the finest level's images) / this; 0: it

@@ -41,7 +41,7 @@ double least_shear(int dimension, SimilarityType similarity) {
 
 /// With lncc, beside first orders that were let in: what is sharp is theirs, and order 0 draws it out no more (core/
 /// README.md, "Regularisation").
-constexpr double kStifferBesideFirst = 10;
+constexpr double kStifferBesideFirst = 3;
 
 }  // namespace
 
@@ -132,7 +132,8 @@ RegistrationOptions resolved(const RegistrationOptions& options, const Lattice<D
     }
     o.momenta.full_contrast = 0;  // it has been followed
   }
-  if (o.model == Model::Auto && o.similarity == SimilarityType::Lncc && o.momenta.regularisation_beside_first == 0)
+  if (o.model == Model::Auto && o.similarity == SimilarityType::Lncc && o.preset != Preset::Fast &&
+      o.momenta.regularisation_beside_first == 0)
     o.momenta.regularisation_beside_first = kStifferBesideFirst * o.momenta.regularisation;
   if (o.momenta.scales == 0) o.momenta.scales = std::max(1, o.pyramid.levels - o.momenta.finest_scale);
   return o;

@@ -63,7 +63,7 @@ TEST(ResolvedOptions, AskOfFirstOrdersWhatWasMeasured) {
 TEST(ResolvedOptions, HoldOrderZeroMoreBesideFirstOrdersThatWereLetIn) {
   RegistrationOptions asked = automatic(SimilarityType::Lncc);
   asked.momenta.regularisation = 3e-4;
-  EXPECT_DOUBLE_EQ(resolved(asked, plane(1)).momenta.regularisation_beside_first, 3e-3);
+  EXPECT_DOUBLE_EQ(resolved(asked, plane(1)).momenta.regularisation_beside_first, 9e-4);
   asked.momenta.regularisation_beside_first = 5e-4;
   EXPECT_EQ(resolved(asked, plane(1)).momenta.regularisation_beside_first, 5e-4);
   for (Model model : {Model::Sliding, Model::Wendland1}) {
