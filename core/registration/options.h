@@ -52,11 +52,11 @@ struct RegistrationOptions {
                             ///< where accurate takes voxels of up to 1.5 mm; -2: the next coarser
     double regularisation = 0.01;  ///< weight of 1/2 ||v_0||^2, per mm^2; 0: by similarity, and with ssd
                                    ///< less in 3-D, as measured (core/README.md, "Regularisation")
-    double regularisation_beside_first =
-        0;                              ///< that, once first orders take part; 0: no other, but three times as much
-                                        ///< for auto with lncc but fast, as measured (core/README.md, "Regularisation")
-    int first_order_scales = 0;         ///< number of order-1 scales; 0 leaves order 1 out
-    int first_order_finest_scale = -1;  ///< as finest_scale, for order 1 (-1 or more)
+    /// That, once first orders take part; 0: no other, but three times as much for auto with lncc where the preset is
+    /// not fast, as measured (core/README.md, "Regularisation").
+    double regularisation_beside_first = 0;
+    int first_order_scales = 0;                ///< number of order-1 scales; 0 leaves order 1 out
+    int first_order_finest_scale = -1;         ///< as finest_scale, for order 1 (-1 or more)
     double first_order_regularisation = 0.01;  ///< weight of 1/2 ||v_i||^2, per mm^2
     double sparsity = 0;                       ///< lambda of the group L1 on a_1 m_i (a velocity), per mm
     double sparsity_noise = 0;  ///< lambda is `sparsity` times 1 + (noise of the finest level's images) / this; 0: it
@@ -68,9 +68,8 @@ struct RegistrationOptions {
     int reweighted_rounds = 0;      ///< times that a level is solved again with weights made from the momenta found
     bool debias = false;            ///< a last round without sparsity on the momenta found
     std::vector<double> direction;  ///< of the derivative of model directional: a unit vector, world (LPS)
-    /// On each level order 1 takes part only if the velocity of order 0, settled alone, is simple shear to so much, see
-    /// simple_shear.h; 0: always; -1: what was measured (core/README.md, "Only where it
-    /// slides").
+    /// On each level order 1 takes part only if the velocity of order 0, settled alone, is simple shear to so much
+    /// (simple_shear.h); 0: always; -1: what was measured (core/README.md, "Only where it slides").
     double first_order_shear = 0;
     int orientations = 0;            ///< normals that oriented momenta are turned from; 0: there are none of these; -1:
                                      ///< 8 in 2-D and 9 in 3-D, none where there can be none

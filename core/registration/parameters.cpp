@@ -416,8 +416,7 @@ const std::vector<Parameter>& parameters() {
       real(
           "look_tolerance", "", 0, Lower::Inclusive, 1,
           "the same of a round without first-order momenta whose velocity is then asked whether something slides, "
-          "where "
-          "smaller than tolerance; 0: that",
+          "where smaller than tolerance; 0: that",
           [](O & o) -> auto& { return o.optimisation.look_tolerance; }),
       real(
           "optimality_tolerance", "", 0, Lower::Inclusive, 1,
@@ -465,6 +464,13 @@ std::vector<std::string> problems(const RegistrationOptions& options) {
   if (options.momenta.first_order_shear != 0 && options.model == Model::Directional)
     found.push_back("parameter first_order_shear is " + std::to_string(options.momenta.first_order_shear) +
                     " and the model is directional, whose first orders always take part; it must be 0");
+  if (options.momenta.first_order_shear < 0 && options.momenta.first_order_shear != -1)
+    found.push_back("parameter first_order_shear is " + std::to_string(options.momenta.first_order_shear) +
+                    "; below 0 it must be -1, which stands for what was measured");
+  if (options.momenta.first_order_shear > 0 && options.momenta.first_order_scales == 0)
+    found.push_back("parameter first_order_shear is " + std::to_string(options.momenta.first_order_shear) +
+                    " and model " + to_string(options.model) +
+                    " has no first orders that it could leave out; set it to 0");
   if (options.momenta.first_order_shear > 0 && options.momenta.sparsity == 0)
     found.push_back("parameter first_order_shear is " + std::to_string(options.momenta.first_order_shear) +
                     " and sparsity is 0, with which first orders always take part; set that above 0, or this to 0");

@@ -39,8 +39,8 @@ double least_shear(int dimension, SimilarityType similarity) {
   return similarity == SimilarityType::Lncc ? 11.3 : 5.5;
 }
 
-/// With lncc, beside first orders that were let in: what is sharp is theirs, and order 0 draws it out no more (core/
-/// README.md, "Regularisation").
+/// With lncc, beside first orders that were let in: what is sharp is theirs, and order 0 draws it out no more
+/// (core/README.md, "Regularisation").
 constexpr double kStifferBesideFirst = 3;
 
 }  // namespace
@@ -94,8 +94,10 @@ RegistrationOptions resolved(const RegistrationOptions& options, const Lattice<D
                                    ? (Dim == 2 ? 3e-6 : 1e-6)
                                    : default_options(o.model, o.similarity, o.preset).momenta.regularisation;
   if (o.momenta.first_order_finest_scale < 0) o.momenta.first_order_finest_scale = finest;
-  if (o.momenta.first_order_shear < 0)  // without sparsity they cannot be left out
-    o.momenta.first_order_shear = o.momenta.sparsity > 0 ? least_shear(Dim, o.similarity) : 0;
+  if (o.momenta.first_order_shear < 0) {  // without sparsity they cannot be left out
+    const bool may_be_left_out = o.momenta.first_order_scales > 0 && o.momenta.sparsity > 0;
+    o.momenta.first_order_shear = may_be_left_out ? least_shear(Dim, o.similarity) : 0;
+  }
   if (o.momenta.orientations < 0) {
     // With the other evolutions they are worth little (core/README.md, "Slip at any orientation").
     const bool can = o.momenta.first_order_scales > 0 && o.model != Model::Directional && o.momenta.sparsity > 0 &&

@@ -118,7 +118,7 @@ class WorkingSet {
   std::vector<MomentumTargets<T>> dense_targets(std::vector<T>& preconditioned) const;
   std::size_t dense_size() const;
   /// Whether any first-order momentum along an axis, where all are 0, is pulled harder than its weight: by the gradient
-  /// of an evaluation that looked everywhere. Not for scales with directions.
+  /// of an evaluation that looked everywhere.
   bool would_join(std::vector<T>& gradient);
 
  private:
@@ -153,6 +153,7 @@ class WorkingSet {
   std::vector<std::vector<float>> reweighted(std::size_t scale, const std::vector<T>& x) const;
   void list_candidates(std::size_t scale, const std::vector<T>& x);
   bool wanted_blocks(MinimiserState<T>& state, std::vector<std::vector<char>>& wanted);
+  double pull_at(std::size_t field, std::size_t site, const T* gradient) const;
   double pull_of_block(std::size_t field, std::size_t block, const T* gradient) const;
   std::size_t keep_out(std::size_t scale, std::size_t room, std::vector<T>& gradient,
                        std::vector<std::vector<char>>& wanted);

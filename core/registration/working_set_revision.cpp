@@ -95,16 +95,22 @@ std::vector<std::uint32_t> WorkingSet<Dim, T>::wanted_elements(const Oriented& o
   return now;
 }
 
-/// How many times its weight the group of a block pulls that pulls most.
+/// How many times its weight the group of a site pulls; NaN where neither is above 0. `gradient`: of the field alone.
+template <int Dim, class T>
+double WorkingSet<Dim, T>::pull_at(std::size_t field, std::size_t site, const T* gradient) const {
+  double square = 0;
+  for (int k = 0; k < Dim; ++k) square += static_cast<double>(gradient[Dim * site + k]) * gradient[Dim * site + k];
+  const std::vector<float>& factors = factors_[field];
+  return std::sqrt(square) / (sparsity_[field].weight * (factors.empty() ? 1.0 : static_cast<double>(factors[site])));
+}
+
+/// That of the group of a block that pulls most.
 template <int Dim, class T>
 double WorkingSet<Dim, T>::pull_of_block(std::size_t field, std::size_t block, const T* gradient) const {
   double most = 0;
   blocks_[field].any_site(block, [&](std::size_t site) {
-    double square = 0;
-    for (int k = 0; k < Dim; ++k) square += static_cast<double>(gradient[Dim * site + k]) * gradient[Dim * site + k];
-    const std::vector<float>& factors = factors_[field];
-    const double weight = sparsity_[field].weight * (factors.empty() ? 1.0 : static_cast<double>(factors[site]));
-    if (square > 0) most = std::max(most, std::sqrt(square) / weight);
+    const double pull = pull_at(field, site, gradient);
+    if (pull > most) most = pull;
     return false;
   });
   return most;
@@ -162,21 +168,13 @@ bool WorkingSet<Dim, T>::wanted_blocks(MinimiserState<T>& state, std::vector<std
       blocks.mark_nonzero(Dim, state.x.data() + range.begin, needed);
       for (const CurvaturePair<T>& pair : state.pairs) blocks.mark_nonzero(Dim, pair.s.data() + range.begin, needed);
       const T* gradient = gradient_at_all_sites(s, state.gradient) + field * scales_[s]->field_size();
-      const std::vector<float>& factors = factors_[r];
       const std::size_t count = needed.size();
       std::vector<char> is_active(count, 0);
       for (std::uint32_t block : blocks.active()) is_active[block] = 1;
 #pragma omp parallel for schedule(static)
       for (std::size_t block = 0; block < count; ++block)
         if (!needed[block] && (looks_everywhere_ || is_active[block]))
-          needed[block] = blocks.any_site(block, [&](std::size_t site) {
-            double square = 0;
-            for (int k = 0; k < Dim; ++k) {
-              const double g = gradient[Dim * site + k];
-              square += g * g;
-            }
-            return std::sqrt(square) > (factors.empty() ? range.weight : range.weight * factors[site]);
-          });
+          needed[block] = blocks.any_site(block, [&](std::size_t site) { return pull_at(r, site, gradient) > 1; });
       const auto all = static_cast<std::size_t>(std::count(needed.begin(), needed.end(), 1));
       std::size_t staying = 0;
       for (std::uint32_t block : blocks.active()) staying += needed[block];
@@ -299,20 +297,13 @@ Revision WorkingSet<Dim, T>::revise(MinimiserState<T>& state) {
 
 template <int Dim, class T>
 bool WorkingSet<Dim, T>::would_join(std::vector<T>& gradient) {
-  for (std::size_t s = 0; s < scales_.size(); ++s) {
-    if (first_[s].fields == 0) continue;
-    const T* all = gradient_at_all_sites(s, gradient);
-    for (std::size_t axis = 0; axis < Dim; ++axis) {
-      const std::size_t at = first_[s].range + axis;
-      const std::vector<float>& factors = factors_[at];
-      for (std::size_t site = 0; site < scales_[s]->lattice().sites(); ++site) {
-        const T* g = all + axis * scales_[s]->field_size() + Dim * site;
-        double square = 0;
-        for (int k = 0; k < Dim; ++k) square += static_cast<double>(g[k]) * g[k];
-        if (std::sqrt(square) > sparsity_[at].weight * (factors.empty() ? 1.0 : factors[site])) return true;
-      }
+  for (std::size_t s = 0; s < scales_.size(); ++s)
+    for (int field = 0; field < first_[s].fields; ++field) {
+      const std::size_t r = first_[s].range + field;
+      const T* its = gradient_at_all_sites(s, gradient) + field * scales_[s]->field_size();
+      for (std::size_t block = 0; block < blocks_[r].blocks(); ++block)
+        if (blocks_[r].any_site(block, [&](std::size_t site) { return pull_at(r, site, its) > 1; })) return true;
     }
-  }
   return false;
 }
 

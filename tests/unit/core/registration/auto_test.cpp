@@ -269,6 +269,19 @@ TEST(AutoModel, DoesNotAskWhereFirstOrdersAlwaysTakePart) {
   EXPECT_TRUE(found.has_first_order_momenta);
   options.momenta.first_order_shear = 5;
   EXPECT_THAT(problems(options), ::testing::ElementsAre(::testing::HasSubstr("sparsity is 0")));
+  options = default_options(Model::Wendland, SimilarityType::Ssd, Preset::Balanced);
+  EXPECT_TRUE(problems(options).empty());
+  options.momenta.first_order_shear = 5;
+  EXPECT_THAT(problems(options), ::testing::ElementsAre(::testing::HasSubstr("model wendland has no first orders")));
+}
+
+TEST(AutoModel, RefusesASimpleShearBelowNoneAtAll) {
+  RegistrationOptions options = default_options(Model::Auto, SimilarityType::Ssd, Preset::Balanced);
+  options.momenta.first_order_shear = -0.5;
+  EXPECT_THAT(problems(options), ::testing::ElementsAre(::testing::HasSubstr("first_order_shear is -0.5")));
+  options = default_options(Model::Auto, SimilarityType::Ssd, Preset::Balanced);
+  options.momenta.first_order_scales = options.momenta.orientations = 0;  // nothing that could be left out
+  EXPECT_TRUE(problems(resolved(options, Lattice<2>{{64, 64}, {1, 1}, {}})).empty());
 }
 
 // A far motion needs shorter steps than none; how short is known from the level before, also to a run that is taken up
