@@ -144,7 +144,6 @@ RegistrationOptions default_options(Model model, SimilarityType similarity, Pres
     o.optimisation.tolerance = preset == Preset::Fast ? 5e-2 : preset == Preset::Balanced ? 2e-2 : 5e-3;
     o.momenta.full_contrast = 0.04;
     o.optimisation.round_tolerance = 0.1;
-    o.optimisation.look_tolerance = 0.02;
   }
   if (similarity != SimilarityType::Ssd) {
     // One step of the momenta and a short run lose nothing on the liver images (core/README.md, "Time steps" and
@@ -167,6 +166,11 @@ RegistrationOptions default_options(Model model, SimilarityType similarity, Pres
     // Of ncc and mi, which are statistics of all that is compared, it would change the weight.
     if (similarity != SimilarityType::Ncc && similarity != SimilarityType::Mi) o.pyramid.region_margin = 4;
     o.flow.map_tolerance = preset == Preset::Fast ? 1 : preset == Preset::Balanced ? 0.4 : 0.2;
+    // What first orders that are left out would have gone on to fit; order 0 alone is cheap (core/README.md,
+    // "Stopping").
+    if (similarity == SimilarityType::Lncc) o.optimisation.look_tolerance = 0.015;
+    if (similarity == SimilarityType::Ssd || similarity == SimilarityType::Ncc || similarity == SimilarityType::Ngf)
+      o.optimisation.look_tolerance = 0.006;
   }
   return o;
 }

@@ -105,8 +105,8 @@ struct RegistrationOptions {
     /// The same of a round with first orders that another one follows, where larger: it is there for the weights that
     /// the next one is made with. Follows the contrast as lambda does (full_contrast).
     double round_tolerance = 0;
-    /// The same of a round without first orders whose velocity is then asked whether something slides, where smaller
-    /// than `tolerance`; 0: that.
+    /// The same of a round of order 0 alone, where smaller than `tolerance`: one whose velocity is then asked whether
+    /// something slides, or on a level without first orders; 0: `tolerance`.
     double look_tolerance = 0;
     double optimality_tolerance = 1e-3;  ///< a level ends when the optimality residual is this share of its first
     /// A round without first orders ends when the square of the residual is at most this share of what the images'

@@ -236,6 +236,22 @@ TEST(LookTolerance, LetsOrderZeroSettleBeforeFirstOrdersAreAskedFor) {
   EXPECT_EQ(iterations(0.01, 0.5), iterations(0.01, 0));
 }
 
+// A level that no first orders reach has order 0 alone as well, and what it leaves the finer one begins with.
+TEST(LookTolerance, HoldsOnLevelsWithoutFirstOrders) {
+  RegistrationOptions options = default_options(Model::Auto, SimilarityType::Lncc, Preset::Balanced);
+  options.threads = 1;
+  options.pyramid.levels = 2;
+  options.optimisation.tolerance = 0.5;
+  const auto iterations = [&](double look_tolerance) {
+    options.optimisation.look_tolerance = look_tolerance;
+    const LevelSummary level = register_images<2>(slip(), options).summary.levels.front();
+    EXPECT_EQ(level.decision, FirstOrderDecision::None);
+    EXPECT_EQ(level.rounds, 1);
+    return level.iterations;
+  };
+  EXPECT_GT(iterations(0.01), iterations(0));
+}
+
 // Where first orders waited and nothing pulls at them, no round goes on with what has settled.
 TEST(Rounds, AreLeftOutWhereNothingWouldJoin) {
   RegistrationOptions options = default_options(Model::Sliding, SimilarityType::Lncc, Preset::Balanced);
