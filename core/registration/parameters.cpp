@@ -307,7 +307,7 @@ const std::vector<Parameter>& parameters() {
       real(
           "first_order_shear", "", -1, Lower::Inclusive, inf,
           "order 1 takes part only where the velocity of order 0, settled alone, is simple shear to so much (smooth "
-          "motion has 1 to 5); 0: always, -1: by similarity and dimension",
+          "motion mostly has 1 to 5); 0: always, -1 (and nothing else below 0): by similarity and dimension",
           [](O & o) -> auto& { return o.momenta.first_order_shear; }),
       integer(
           "orientations", "", -1, 13,
@@ -462,18 +462,18 @@ std::vector<std::string> problems(const RegistrationOptions& options) {
   if (options.pyramid.levels > 0 && options.pyramid.finest_level >= options.pyramid.levels)
     found.push_back("parameter finest_level is " + std::to_string(options.pyramid.finest_level) +
                     "; it must be less than levels, which is " + std::to_string(options.pyramid.levels));
-  if (options.momenta.first_order_shear != 0 && options.model == Model::Directional)
-    found.push_back("parameter first_order_shear is " + std::to_string(options.momenta.first_order_shear) +
-                    " and the model is directional, whose first orders always take part; it must be 0");
-  if (options.momenta.first_order_shear < 0 && options.momenta.first_order_shear != -1)
-    found.push_back("parameter first_order_shear is " + std::to_string(options.momenta.first_order_shear) +
-                    "; below 0 it must be -1, which stands for what was measured");
-  if (options.momenta.first_order_shear > 0 && options.momenta.first_order_scales == 0)
-    found.push_back("parameter first_order_shear is " + std::to_string(options.momenta.first_order_shear) +
-                    " and model " + to_string(options.model) +
-                    " has no first orders that it could leave out; set it to 0");
-  if (options.momenta.first_order_shear > 0 && options.momenta.sparsity == 0)
-    found.push_back("parameter first_order_shear is " + std::to_string(options.momenta.first_order_shear) +
+  const double shear = options.momenta.first_order_shear;
+  const std::string given_shear = "parameter first_order_shear is " + std::to_string(shear);
+  if (shear > -1 && shear < 0)
+    found.push_back(given_shear + "; below 0 it must be -1, which stands for what was measured");
+  else if (shear != 0 && options.model == Model::Directional)
+    found.push_back(given_shear + " and the model is directional, whose first orders always take part; it must be 0");
+  else if (shear > 0 && options.momenta.first_order_scales == 0)
+    found.push_back(given_shear +
+                    " and first_order_scales is 0, with which there are no first orders that could be left out; set it "
+                    "to 0, or give a model that has some, such as sliding");
+  else if (shear > 0 && options.momenta.sparsity == 0)
+    found.push_back(given_shear +
                     " and sparsity is 0, with which first orders always take part; set that above 0, or this to 0");
   if (options.momenta.orientations > 0) {
     const std::string given = "parameter orientations is " + std::to_string(options.momenta.orientations);

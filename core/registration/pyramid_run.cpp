@@ -271,7 +271,8 @@ void PyramidRun<Dim>::minimise_round(std::size_t round) {
   how_.tolerance = optimisation.tolerance;
   if (round + 1 < rounds_.size() && rounds_[round].lets_blocks_join)
     how_.tolerance = std::max(how_.tolerance, optimisation.round_tolerance);
-  else if (round == 0 && (decides_ || !has_first_) && optimisation.look_tolerance > 0)  // order 0 alone
+  // Order 0 that is about to be asked whether something slides, or that is all that the level has.
+  else if (round == 0 && (decides_ || !has_first_) && optimisation.look_tolerance > 0)
     how_.tolerance = std::min(how_.tolerance, optimisation.look_tolerance);
   how_.noise_tolerance = is_smooth(rounds_[round]) ? optimisation.noise_tolerance : 0;
   how_.decrease_before = 0;

@@ -118,7 +118,7 @@ class WorkingSet {
   std::vector<MomentumTargets<T>> dense_targets(std::vector<T>& preconditioned) const;
   std::size_t dense_size() const;
   /// Whether any first-order momentum along an axis, where all are 0, is pulled harder than its weight: by the gradient
-  /// of an evaluation that looked everywhere.
+  /// of an evaluation that looked everywhere. Not asked for scales with directions.
   bool would_join(std::vector<T>& gradient);
 
  private:

@@ -273,7 +273,9 @@ TEST(AutoModel, DoesNotAskWhereFirstOrdersAlwaysTakePart) {
   options = default_options(Model::Wendland, SimilarityType::Ssd, Preset::Balanced);
   EXPECT_TRUE(problems(options).empty());
   options.momenta.first_order_shear = 5;
-  EXPECT_THAT(problems(options), ::testing::ElementsAre(::testing::HasSubstr("model wendland has no first orders")));
+  EXPECT_THAT(problems(options), ::testing::ElementsAre(::testing::HasSubstr("first_order_scales is 0")));
+  options.momenta.sparsity = 0;  // which is not what would help
+  EXPECT_THAT(problems(options), ::testing::ElementsAre(::testing::HasSubstr("first_order_scales is 0")));
 }
 
 TEST(AutoModel, RefusesASimpleShearBelowNoneAtAll) {
@@ -283,6 +285,25 @@ TEST(AutoModel, RefusesASimpleShearBelowNoneAtAll) {
   options = default_options(Model::Auto, SimilarityType::Ssd, Preset::Balanced);
   options.momenta.first_order_scales = options.momenta.orientations = 0;  // nothing that could be left out
   EXPECT_TRUE(problems(resolved(options, Lattice<2>{{64, 64}, {1, 1}, {}})).empty());
+}
+
+// Order 0 alone is cheap where first orders are asked for first; nobody else goes on for longer (core/README.md,
+// "Stopping").
+TEST(AutoModel, SettlesOrderZeroForLonger) {
+  const auto look_tolerance = [](Model model, SimilarityType similarity) {
+    return default_options(model, similarity, Preset::Balanced).optimisation.look_tolerance;
+  };
+  for (SimilarityType similarity :
+       {SimilarityType::Ssd, SimilarityType::Ncc, SimilarityType::Lncc, SimilarityType::Ngf})
+    for (Preset preset : {Preset::Fast, Preset::Balanced}) {
+      const RegistrationOptions::Optimisation asked = default_options(Model::Auto, similarity, preset).optimisation;
+      EXPECT_GT(asked.look_tolerance, 0) << to_string(similarity);
+      EXPECT_LT(asked.look_tolerance, 0.7 * asked.tolerance) << to_string(similarity);
+    }
+  EXPECT_EQ(look_tolerance(Model::Auto, SimilarityType::Lncc), 0.015);
+  EXPECT_EQ(look_tolerance(Model::Auto, SimilarityType::Mi), 0);
+  EXPECT_EQ(look_tolerance(Model::Auto, SimilarityType::Mind), 0);
+  EXPECT_EQ(look_tolerance(Model::Sliding, SimilarityType::Lncc), 0);
 }
 
 // A far motion needs shorter steps than none; how short is known from the level before, also to a run that is taken up

@@ -252,6 +252,19 @@ TEST(LookTolerance, HoldsOnLevelsWithoutFirstOrders) {
   EXPECT_GT(iterations(0.01), iterations(0));
 }
 
+// Where first orders take part unasked the rounds after it go on with what order 0 has left.
+TEST(LookTolerance, DoesNotHoldWhereNothingIsAsked) {
+  RegistrationOptions options = default_options(Model::Sliding, SimilarityType::Lncc, Preset::Balanced);
+  options.threads = 1;
+  options.pyramid.levels = 1;
+  options.optimisation.tolerance = 0.5;
+  const auto iterations = [&](double look_tolerance) {
+    options.optimisation.look_tolerance = look_tolerance;
+    return register_images<2>(slip(), options).summary.levels.back().iterations;
+  };
+  EXPECT_EQ(iterations(0.001), iterations(0));
+}
+
 // Where first orders waited and nothing pulls at them, no round goes on with what has settled.
 TEST(Rounds, AreLeftOutWhereNothingWouldJoin) {
   RegistrationOptions options = default_options(Model::Sliding, SimilarityType::Lncc, Preset::Balanced);
