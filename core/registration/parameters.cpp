@@ -415,9 +415,8 @@ const std::vector<Parameter>& parameters() {
           [](O & o) -> auto& { return o.optimisation.round_tolerance; }),
       real(
           "look_tolerance", "", 0, Lower::Inclusive, 1,
-          "the same of a round of order 0 alone after which it is asked whether something slides, or on a level "
-          "without "
-          "first orders, where smaller than tolerance; 0: that",
+          "the same of a round of order 0 alone: before it is asked whether something slides, or on a level without "
+          "first orders; where smaller than tolerance, 0: that",
           [](O & o) -> auto& { return o.optimisation.look_tolerance; }),
       real(
           "optimality_tolerance", "", 0, Lower::Inclusive, 1,

@@ -130,8 +130,8 @@ std::vector<Column> scale_columns() {
 ScatterPlot plot_of_scale(const std::vector<Row>& rows) {
   ScatterPlot plot;
   plot.title = "Time and memory against size";
-  plot.subtitle = "Thorax phantom in N x N x N voxels, defaults, one thread, " + std::to_string(kIterations) +
-                  " iterations a level and round.";
+  plot.subtitle = "Thorax phantom in N x N x N voxels, one thread, " + std::to_string(kIterations) +
+                  " iterations a level and round; the same takes part at every size.";
   plot.x_label = "million voxels (logarithmic)";
   plot.columns = 2;
   const auto curve = [&](const std::string& name, const char* key, bool has_labels) {
