@@ -89,7 +89,7 @@ saltus_package(development libsaltus-dev libdevel
 C++ with their headers, for find_package(saltus): the numerics, image
 files, and a client of the daemon; and the protocol for other languages."
   DEPENDS "libeigen3-dev, libgrpc++-dev, libprotobuf-dev, libssl-dev"
-  RECOMMENDS "libinsighttoolkit5-dev, zlib1g-dev, libdeflate-dev"
+  RECOMMENDS "libinsighttoolkit5-dev, zlib1g-dev, libisal-dev"
   SUGGESTS "cmake, g++"
   SCRIPTS ${PROJECT_BINARY_DIR}/share/preinst)
 include(CPack)

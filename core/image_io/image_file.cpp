@@ -4,18 +4,20 @@
 #include <itkNiftiImageIO.h>
 #include <itkNrrdImageIO.h>
 #include <itkPNGImageIO.h>
-#include <libdeflate.h>
 
 #include <algorithm>
+#include <cstdint>
+#include <cstring>
 #include <fstream>
+#include <limits>
 #include <memory>
-#include <new>
 #include <sstream>
 #include <string>
 
 #include "core/image_io/meta_header.h"
 #include "core/image_io/nifti_header.h"
 #include "core/image_io/nrrd_header.h"
+#include "core/image_io/output_stream.h"
 #include "core/image_io/payload_check.h"
 #include "core/image_io/png_chunks.h"
 #include "core/image_io/refuse_file.h"
@@ -223,67 +225,100 @@ void to_luminance(ImageFile& image) {
   image.header.components = 1;
 }
 
-/// As one gzip member, whose end tells how large all of it is: some readers take no other. At the fastest level, since
-/// more of it is no smaller: the last bits of voxels are noise.
-void compress(const std::filesystem::path& from, const std::filesystem::path& to, const std::string& name) {
-  auto fail = [&name] { throw FileError("cannot write " + name + ": compressing it failed, is the disk full?"); };
-  std::ifstream input(from, std::ios::binary | std::ios::ate);
-  if (!input) fail();
-  const auto size = static_cast<std::size_t>(input.tellg());
-  const auto plain = std::make_unique_for_overwrite<char[]>(size);
-  if (!input.seekg(0).read(plain.get(), static_cast<std::streamsize>(size))) fail();
-  const std::unique_ptr<libdeflate_compressor, decltype(&libdeflate_free_compressor)> compressor(
-      libdeflate_alloc_compressor(1), &libdeflate_free_compressor);
-  if (!compressor) throw std::bad_alloc();
-  const std::size_t most = libdeflate_gzip_compress_bound(compressor.get(), size);
-  const auto packed = std::make_unique_for_overwrite<char[]>(most);  // what is not needed of it is never touched
-  const std::size_t bytes = libdeflate_gzip_compress(compressor.get(), plain.get(), size, packed.get(), most);
-  std::ofstream output(to, std::ios::binary);
-  if (bytes == 0 || !output.write(packed.get(), static_cast<std::streamsize>(bytes)).flush()) fail();
+/// Has ITK write `samples`, component fastest, as the whole file at `path`, which errors call `name`.
+void write_with_itk(const std::filesystem::path& path, const std::string& name, ImageFormat format,
+                    const ImageFileHeader& header, itk::IOComponentEnum component_type, const void* samples) try {
+  const auto io = make_image_io(format);
+  if (format == ImageFormat::MetaImage) static_cast<itk::MetaImageIO&>(*io).SetDoublePrecision(17);
+  io->SetFileName(path.string());
+  io->SetNumberOfDimensions(header.dimension);
+  for (int axis = 0; axis < header.dimension; ++axis) {
+    io->SetDimensions(axis, header.size[axis]);
+    io->SetSpacing(axis, header.spacing[axis]);
+    io->SetOrigin(axis, header.origin[axis]);
+    const auto& direction = header.direction[axis];
+    io->SetDirection(axis, std::vector<double>(direction.begin(), direction.begin() + header.dimension));
+  }
+  io->SetNumberOfComponents(header.components);
+  io->SetPixelType(header.components == 1 ? itk::IOPixelEnum::SCALAR : itk::IOPixelEnum::VECTOR);
+  io->SetComponentType(component_type);
+  io->SetUseCompression(format == ImageFormat::Png);
+  io->SetIORegion(whole(*io));
+  io->Write(samples);
+} catch (const itk::ExceptionObject& error) {
+  throw FileError("cannot write " + name + ": " + reason(error, path));
+}
+
+/// Everything before the voxels: what ITK writes for an image of at most two voxels an axis in the same place, with the
+/// true sizes put in. Throws InvalidInput for sizes that NIfTI has no room for.
+template <typename Sample>
+std::vector<char> nifti_head(const std::filesystem::path& path, const ImageFileHeader& header,
+                             itk::IOComponentEnum component_type) {
+  ImageFileHeader small = header;
+  for (std::size_t& size : small.size) size = std::min<std::size_t>(size, 2);
+  const std::vector<Sample> samples(8 * static_cast<std::size_t>(header.components));
+  const std::string name = path.filename().string();
+  TemporaryFile file(path.parent_path() / (path.stem().stem().string() + ".nii"));
+  write_with_itk(file.path(), name, ImageFormat::Nifti, small, component_type, samples.data());
+  std::vector<char> head(read_nifti_header(file.path()).data_offset);
+  std::ifstream input(file.path(), std::ios::binary);
+  if (!input.read(head.data(), static_cast<std::streamsize>(head.size())))
+    throw FileError("cannot write " + name + ": its header came out too short, is the disk full?");
+  constexpr std::size_t first_size = 42;  // of the array dim, whose first entry counts the others
+  for (int axis = 0; axis < header.dimension; ++axis) {
+    if (header.size[axis] > std::numeric_limits<std::int16_t>::max())
+      throw InvalidInput("image for " + name + " has " + std::to_string(header.size[axis]) +
+                         " voxels along an axis; NIfTI has room for 32767, use .mha");
+    const auto size = static_cast<std::int16_t>(header.size[axis]);
+    std::memcpy(head.data() + first_size + sizeof size * static_cast<std::size_t>(axis), &size, sizeof size);
+  }
+  return head;
+}
+
+template <typename Sample>
+void write_nifti(const std::filesystem::path& path, ImageFormat format, const ImageFileHeader& header,
+                 std::span<const Sample> samples, itk::IOComponentEnum component_type) {
+  const std::vector<char> head = nifti_head<Sample>(path, header, component_type);
+  TemporaryFile file(path);
+  OutputStream output(file.path(),
+                      format == ImageFormat::Nifti ? OutputStream::Packing::Plain : OutputStream::Packing::Gzip,
+                      path.filename().string());
+  output.write(head);
+  output.write({reinterpret_cast<const char*>(samples.data()), samples.size_bytes()});
+  output.finish();
+  file.take_place();
+}
+
+template <typename Sample>
+void write_other(const std::filesystem::path& path, ImageFormat format, const ImageFileHeader& header,
+                 std::span<const Sample> samples, itk::IOComponentEnum component_type) {
+  std::vector<Sample> interleaved;
+  if (const std::size_t components = static_cast<std::size_t>(header.components); components > 1) {
+    interleaved.resize(samples.size());
+    const std::size_t voxels = samples.size() / components;
+    for (std::size_t c = 0; c < components; ++c)
+      for (std::size_t i = 0; i < voxels; ++i) interleaved[i * components + c] = samples[c * voxels + i];
+  }
+  const std::string name = path.filename().string();
+  TemporaryFile file(path);
+  write_with_itk(file.path(), name, format, header, component_type,
+                 interleaved.empty() ? samples.data() : interleaved.data());
+  // Not every writer of ITK notices that the disk is full.
+  std::error_code error;
+  const std::uintmax_t written = std::filesystem::file_size(file.path(), error);
+  if (error || (format != ImageFormat::Png && written < samples.size_bytes()))
+    throw FileError("cannot write " + name + ": the file came out too short, is the disk full?");
+  file.take_place();
 }
 
 template <typename Sample>
 void write_any(const std::filesystem::path& path, const ImageFileHeader& header, std::span<const Sample> samples,
                itk::IOComponentEnum component_type) {
   const ImageFormat format = format_from_suffix(path);
-  const std::string name = path.filename().string();
-  std::filesystem::path plain_target = path;
-  if (format == ImageFormat::CompressedNifti) plain_target.replace_extension();
-  TemporaryFile plain(plain_target);
-  try {
-    const auto io = make_image_io(format);
-    if (format == ImageFormat::MetaImage) static_cast<itk::MetaImageIO&>(*io).SetDoublePrecision(17);
-    io->SetFileName(plain.path().string());
-    io->SetNumberOfDimensions(header.dimension);
-    for (int axis = 0; axis < header.dimension; ++axis) {
-      io->SetDimensions(axis, header.size[axis]);
-      io->SetSpacing(axis, header.spacing[axis]);
-      io->SetOrigin(axis, header.origin[axis]);
-      const auto& direction = header.direction[axis];
-      io->SetDirection(axis, std::vector<double>(direction.begin(), direction.begin() + header.dimension));
-    }
-    io->SetNumberOfComponents(header.components);
-    io->SetPixelType(header.components == 1 ? itk::IOPixelEnum::SCALAR : itk::IOPixelEnum::VECTOR);
-    io->SetComponentType(component_type);
-    io->SetUseCompression(format == ImageFormat::Png);
-    io->SetIORegion(whole(*io));
-    io->Write(samples.data());
-  } catch (const itk::ExceptionObject& error) {
-    throw FileError("cannot write " + name + ": " + reason(error, plain.path()));
-  }
-  // Not every writer of ITK notices that the disk is full.
-  std::error_code error;
-  const std::uintmax_t written = std::filesystem::file_size(plain.path(), error);
-  if (error || (format != ImageFormat::Png && written < samples.size_bytes()))
-    throw FileError("cannot write " + name + ": the file came out too short, is the disk full?");
-
-  if (format == ImageFormat::CompressedNifti) {
-    TemporaryFile packed(path);
-    compress(plain.path(), packed.path(), name);
-    packed.take_place();
-  } else {
-    plain.take_place();
-  }
+  if (format == ImageFormat::Nifti || format == ImageFormat::CompressedNifti)
+    write_nifti(path, format, header, samples, component_type);
+  else
+    write_other(path, format, header, samples, component_type);
 }
 
 }  // namespace

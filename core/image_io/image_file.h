@@ -30,7 +30,8 @@ struct ImageFile {
 ImageFileHeader read_image_header(const std::filesystem::path& path);
 ImageFile read_image_file(const std::filesystem::path& path);
 
-/// Throw FileError. `samples` has component fastest, then x.
+/// Throw FileError. `samples` has x fastest and the component slowest. NIfTI files are written from where the samples
+/// are; the other formats take a copy of vectors.
 void write_image_file(const std::filesystem::path& path, const ImageFileHeader& header, std::span<const float> samples);
 void write_image_file(const std::filesystem::path& path, const ImageFileHeader& header,
                       std::span<const std::uint8_t> samples);

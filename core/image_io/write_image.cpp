@@ -82,13 +82,7 @@ void write_labels(const std::filesystem::path& path, const Volume<Dim>& labels) 
 template <int Dim>
 void write_vector_volume(const std::filesystem::path& path, const VectorVolume<Dim>& vectors) {
   const ImageFileHeader header = header_of(path, vectors.grid, vectors.samples.size(), Dim);
-  const std::size_t voxels = vectors.grid.voxels();
-  std::vector<float> samples(vectors.samples.size());
-  for (int c = 0; c < Dim; ++c) {
-    const float* plane = vectors.component(c);
-    for (std::size_t i = 0; i < voxels; ++i) samples[i * Dim + c] = plane[i];
-  }
-  write_image_file(path, header, std::span<const float>(samples));
+  write_image_file(path, header, std::span<const float>(vectors.samples));
 }
 
 template void write_volume(const std::filesystem::path&, const Volume<2>&, const std::optional<GreyRange>&);

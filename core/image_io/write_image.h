@@ -11,7 +11,8 @@ namespace saltus {
 /// All functions write beside the target and then rename, so that `path` holds the old file or the whole new one. They
 /// throw InvalidInput for an unknown suffix or a volume that the format cannot hold, and FileError, naming the file,
 /// when writing fails. What is written reads back with the same samples and grid; NIfTI stores the grid in single
-/// precision. Only .nii.gz is compressed, at zlib's fastest level: noise-like floats gain little from more.
+/// precision. Only .nii.gz is compressed (output_stream.h). Beside the volume, writing takes as much memory again for
+/// vectors in other formats than NIfTI, and for NIfTI next to none.
 
 /// Values of the image that become black and white in a format of eight bits.
 struct GreyRange {

@@ -7,9 +7,12 @@
 #include <itkPNGImageIO.h>
 #include <itkRGBPixel.h>
 #include <sys/resource.h>
+#include <zlib.h>
 
 #include <csignal>
+#include <fstream>
 #include <numeric>
+#include <random>
 
 #include "core/image_io/read_image.h"
 #include "core/image_io/write_image.h"
@@ -202,6 +205,97 @@ INSTANTIATE_TEST_SUITE_P(All, ImageFormats, ::testing::Values(".mha", ".nii", ".
                            std::replace(name.begin(), name.end(), '.', '_');
                            return name;
                          });
+
+std::string bytes_of(const std::filesystem::path& path) {
+  std::ifstream file(path, std::ios::binary);
+  return {std::istreambuf_iterator<char>(file), {}};
+}
+
+/// Of the one gzip member that the file has to be, with nothing behind it.
+std::string unpacked(const std::filesystem::path& path) {
+  std::string packed = bytes_of(path), plain(1 << 24, '\0');
+  z_stream stream{};
+  constexpr int gzip = 15 + 16;
+  if (inflateInit2(&stream, gzip) != Z_OK) throw std::bad_alloc();
+  stream.next_in = reinterpret_cast<Bytef*>(packed.data());
+  stream.avail_in = static_cast<uInt>(packed.size());
+  stream.next_out = reinterpret_cast<Bytef*>(plain.data());
+  stream.avail_out = static_cast<uInt>(plain.size());
+  EXPECT_EQ(inflate(&stream, Z_FINISH), Z_STREAM_END) << path;
+  EXPECT_EQ(stream.avail_in, 0u) << path;
+  plain.resize(stream.total_out);
+  inflateEnd(&stream);
+  return plain;
+}
+
+template <int Dim>
+void nifti_is_that_of_itk(const ImageGrid<Dim>& grid) {
+  const TemporaryFolder folder;
+  const Volume<Dim> image = sample_volume(grid);
+  auto scalars = make_itk_image<itk::Image<float, Dim>>(grid);
+  std::copy(image.samples.begin(), image.samples.end(), scalars->GetBufferPointer());
+  write_with_itk(scalars.GetPointer(), folder / "itk_image.nii", ".nii");
+  const VectorVolume<Dim> field = sample_vectors(grid);
+  auto vectors = make_itk_image<itk::Image<itk::Vector<float, Dim>, Dim>>(grid);
+  for (std::size_t i = 0; i < grid.voxels(); ++i)
+    for (int c = 0; c < Dim; ++c) vectors->GetBufferPointer()[i][c] = field.component(c)[i];
+  write_with_itk(vectors.GetPointer(), folder / "itk_field.nii", ".nii");
+  Volume<Dim> labels(grid, 3.0f);
+  auto bytes = make_itk_image<itk::Image<unsigned char, Dim>>(grid);
+  bytes->FillBuffer(3);
+  write_with_itk(bytes.GetPointer(), folder / "itk_labels.nii", ".nii");
+  for (const std::string suffix : {".nii", ".nii.gz"}) {
+    const auto content = [&](const std::string& name) {
+      return suffix == ".nii" ? bytes_of(folder / (name + suffix)) : unpacked(folder / (name + suffix));
+    };
+    write_volume(folder / ("image" + suffix), image);
+    write_vector_volume(folder / ("field" + suffix), field);
+    write_labels(folder / ("labels" + suffix), labels);
+    EXPECT_EQ(content("image"), bytes_of(folder / "itk_image.nii"));
+    EXPECT_EQ(content("field"), bytes_of(folder / "itk_field.nii"));
+    EXPECT_EQ(content("labels"), bytes_of(folder / "itk_labels.nii"));
+  }
+}
+
+TEST(NiftiImages, AreWrittenByteForByteAsItkWritesThem) {
+  nifti_is_that_of_itk(oblique_grid<2>());
+  nifti_is_that_of_itk(oblique_grid<3>());
+  for (int axis = 0; axis < 3; ++axis)
+    for (const int size : {1, 2}) {
+      ImageGrid<3> grid = oblique_grid<3>();
+      grid.size[axis] = size;
+      nifti_is_that_of_itk(grid);
+    }
+}
+
+TEST(NiftiImages, LargerThanWhatIsPackedAtOnceAreOneMember) {
+  const TemporaryFolder folder;
+  ImageGrid<3> grid = oblique_grid<3>();
+  grid.size = {91, 83, 77};
+  Volume<3> noise(grid);
+  std::mt19937 bits(1);
+  for (float& sample : noise.samples) sample = static_cast<float>(bits());
+  write_volume(folder / "noise.nii.gz", noise);
+  write_volume(folder / "noise.nii", noise);
+  EXPECT_TRUE(unpacked(folder / "noise.nii.gz") == bytes_of(folder / "noise.nii"));
+  EXPECT_EQ(read_volume<3>(folder / "noise.nii.gz").samples, noise.samples);
+}
+
+TEST(NiftiImages, LongerThanTheHeaderCanTellAreRefused) {
+  const TemporaryFolder folder;
+  ImageGrid<2> grid;
+  grid.size = {2, 32768};
+  for (const char* name : {"long.nii", "long.nii.gz"}) {
+    try {
+      write_volume(folder / name, Volume<2>(grid));
+      ADD_FAILURE() << name;
+    } catch (const InvalidInput& error) {
+      EXPECT_THAT(error.what(), ::testing::HasSubstr("32768 voxels along an axis"));
+      EXPECT_THAT(error.what(), ::testing::HasSubstr(name));
+    }
+    EXPECT_TRUE(std::filesystem::is_empty(folder.path()));
+  }
+}
 
 TEST(PngImages, GreyRangeIsMappedToEightBits) {
   const TemporaryFolder folder;
