@@ -2,6 +2,7 @@
 
 #include "core/flow/particle_steps.h"
 #include "core/grid/block_mask.h"
+#include "core/support/ranking.h"
 
 #include <algorithm>
 #include <array>
@@ -89,9 +90,8 @@ double map_error(const Lattice<Dim>& lattice, const std::vector<Field<T>>& veloc
     }
     squares[site] = sum;
   }
-  const auto rank = squares.begin() + static_cast<std::ptrdiff_t>(0.999 * static_cast<double>(squares.size() - 1));
-  std::nth_element(squares.begin(), rank, squares.end());
-  return 4.0 / 3 * std::sqrt(static_cast<double>(*rank));
+  const auto rank = static_cast<std::size_t>(0.999 * static_cast<double>(squares.size() - 1));
+  return 4.0 / 3 * std::sqrt(static_cast<double>(ranking_of(squares.size(), squares.data()).at(rank)));
 }
 
 namespace {

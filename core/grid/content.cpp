@@ -5,6 +5,7 @@
 #include <limits>
 
 #include "core/grid/crop.h"
+#include "core/support/thread_count.h"
 
 namespace saltus {
 namespace {
@@ -40,16 +41,27 @@ IndexBox<Dim> content_box(const Lattice<Dim>& lattice, const float* samples, con
   const double level = background(lattice, samples, weights);
   std::array<std::vector<PlaneCount>, Dim> planes;
   for (int axis = 0; axis < Dim; ++axis) planes[axis].resize(static_cast<std::size_t>(lattice.size[axis]));
-  for (int slab = 0; slab < lattice.size[Dim - 1]; ++slab)
-    visit_slab<Dim>(lattice, slab, [&](const Index<Dim>& index, std::size_t site) {
-      if (weights && !(weights[site] > 0)) return;
-      const bool is_background = std::abs(samples[site] - level) <= tolerance;  // never without a background
-      for (int axis = 0; axis < Dim; ++axis) {
-        PlaneCount& plane = planes[axis][static_cast<std::size_t>(index[axis])];
-        ++plane.seen;
-        plane.shown += !is_background;
+#pragma omp parallel if (is_worth_threads(lattice.sites()))
+  {
+    auto own = planes;
+#pragma omp for schedule(static) nowait
+    for (int slab = 0; slab < lattice.size[Dim - 1]; ++slab)
+      visit_slab<Dim>(lattice, slab, [&](const Index<Dim>& index, std::size_t site) {
+        if (weights && !(weights[site] > 0)) return;
+        const bool is_background = std::abs(samples[site] - level) <= tolerance;  // never without a background
+        for (int axis = 0; axis < Dim; ++axis) {
+          PlaneCount& plane = own[axis][static_cast<std::size_t>(index[axis])];
+          ++plane.seen;
+          plane.shown += !is_background;
+        }
+      });
+#pragma omp critical(saltus_content_box)
+    for (int axis = 0; axis < Dim; ++axis)
+      for (std::size_t i = 0; i < planes[axis].size(); ++i) {
+        planes[axis][i].seen += own[axis][i].seen;
+        planes[axis][i].shown += own[axis][i].shown;
       }
-    });
+  }
   IndexBox<Dim> box;
   for (int axis = 0; axis < Dim; ++axis) {
     const auto shows = [](const PlaneCount& plane) { return plane.shows(); };

@@ -1,5 +1,7 @@
 #include "core/grid/noise.h"
 
+#include "core/support/ranking.h"
+
 #include <algorithm>
 #include <cmath>
 
@@ -55,8 +57,8 @@ double noise_sd(const Lattice<Dim>& lattice, const T* samples, const T* weights)
   const auto is_border = [&](int axis, int i) { return used[axis] && (i == 0 || i == lattice.size[axis] - 1); };
   const auto slabs = static_cast<std::size_t>(lattice.size[Dim - 1]);
   const std::size_t sites_of_slab = lattice.sites() / slabs;
-  std::vector<double> sizes(lattice.sites());  // each slab's from its first site on
-  std::vector<std::size_t> found(slabs, 0);
+  constexpr double none = -1;
+  std::vector<double> sizes(lattice.sites(), none);  // of the responses
 #pragma omp parallel
   {
     std::vector<double> responses(static_cast<std::size_t>(nx));
@@ -82,18 +84,14 @@ double noise_sd(const Lattice<Dim>& lattice, const T* samples, const T* weights)
           for (int x = begin; x < end; ++x) counts[x] &= weight[x] > 0;
         }
         for (int x = begin; x < end; ++x)
-          if (varies[x] && counts[x]) sizes[slab * sites_of_slab + found[slab]++] = std::abs(responses[x]);
+          if (varies[x] && counts[x]) sizes[first + static_cast<std::size_t>(x)] = std::abs(responses[x]);
       }
   }
-  auto end_of_found = sizes.begin();
-  for (std::size_t slab = 0; slab < slabs; ++slab)
-    end_of_found =
-        std::copy_n(sizes.begin() + static_cast<std::ptrdiff_t>(slab * sites_of_slab), found[slab], end_of_found);
-  sizes.erase(end_of_found, sizes.end());
-  if (sizes.empty()) return 0;
-  const auto median = sizes.begin() + static_cast<std::ptrdiff_t>(sizes.size() / 2);
-  std::nth_element(sizes.begin(), median, sizes.end());
-  return *median / 0.6745;  // the median of |x| for a normal x of standard deviation 1
+  const auto ranking = ranking_of_those<double>(sizes.size(), [&](std::size_t i, const auto& take) {
+    if (sizes[i] != none) take(sizes[i]);
+  });
+  if (ranking.count() == 0) return 0;
+  return ranking.at(ranking.count() / 2) / 0.6745;  // the median of |x| for a normal x of standard deviation 1
 }
 
 double smoothing_against_noise(double noise, int dimension, double tolerance) {

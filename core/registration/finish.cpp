@@ -3,6 +3,7 @@
 #include "core/flow/backward_map.h"
 #include "core/grid/interpolation.h"
 #include "core/grid/jacobian_determinant.h"
+#include "core/support/ranking.h"
 
 #include <Eigen/LU>
 
@@ -143,9 +144,7 @@ void write_inverse(const RegistrationInput<Dim>& input, const Lattice<Dim>& latt
       for (int c = 0; c < Dim; ++c) inverse_displacement[c][site] = static_cast<float>(back[c]);
       consistency[site] = std::sqrt(found.square);
     });
-  const auto middle = consistency.begin() + static_cast<std::ptrdiff_t>(consistency.size() / 2);
-  std::nth_element(consistency.begin(), middle, consistency.end());
-  result.summary.inverse_consistency_mm = *middle;
+  result.summary.inverse_consistency_mm = ranking_of(consistency.size(), consistency.data()).at(consistency.size() / 2);
 }
 
 }  // namespace

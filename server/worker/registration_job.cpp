@@ -14,11 +14,14 @@
 #include <sys/resource.h>
 
 #include <chrono>
+#include <exception>
 #include <fstream>
+#include <functional>
 #include <iomanip>
 #include <memory>
 #include <new>
 #include <sstream>
+#include <utility>
 
 namespace saltus::worker {
 namespace {
@@ -160,17 +163,44 @@ class Run {
     return folder_ / name;
   }
 
+  using Files = std::vector<std::pair<fs::path, std::function<void(const fs::path&)>>>;
+
+  /// Calls each function with its path, several at once.
+  static void write_at_once(const Files& files) {
+    std::vector<std::exception_ptr> failures(files.size());
+#pragma omp parallel for schedule(dynamic, 1)
+    for (std::size_t i = 0; i < files.size(); ++i) {
+      try {
+        files[i].second(files[i].first);
+      } catch (...) {
+        failures[i] = std::current_exception();
+      }
+    }
+    for (const std::exception_ptr& failure : failures)
+      if (failure) std::rethrow_exception(failure);
+  }
+
   void write_images() {
     const std::string suffix = "." + (task_.output_format.empty() ? "nii.gz" : task_.output_format);
-    write_vector_volume(file("displacement" + suffix), result_.displacement);
-    write_vector_volume(file("inverse_displacement" + suffix), result_.inverse_displacement);
-    write_volume(file("warped" + suffix), result_.warped);
-    write_volume(file("jacobian" + suffix), result_.jacobian);
+    const auto vectors = [](const VectorVolume<Dim>& from) {
+      return [&from](const fs::path& to) { write_vector_volume(to, from); };
+    };
+    const auto scalars = [](const Volume<Dim>& from) {
+      return [&from](const fs::path& to) { write_volume(to, from); };
+    };
+    Files files = {
+        {file("displacement" + suffix), vectors(result_.displacement)},
+        {file("inverse_displacement" + suffix), vectors(result_.inverse_displacement)},
+        {file("transform.h5"), [this](const fs::path& to) { write_transform(to, result_.displacement); }},
+        {file("warped" + suffix), scalars(result_.warped)},
+        {file("jacobian" + suffix), scalars(result_.jacobian)},
+        {file("interface.csv"), [this](const fs::path& to) { write_slip_csv(to, result_.slip); }},
+        {file("interface.vtp"), [this](const fs::path& to) { write_slip_vtp(to, result_.slip); }},
+    };
     for (std::size_t i = 0; i < result_.momenta.size(); ++i)
-      write_vector_volume(file(momentum_name(i + 1, result_.momenta[i]) + suffix), result_.momenta[i].vectors);
-    write_transform(file("transform.h5"), result_.displacement);
-    write_slip_csv(file("interface.csv"), result_.slip);
-    write_slip_vtp(file("interface.vtp"), result_.slip);
+      files.emplace_back(file(momentum_name(i + 1, result_.momenta[i]) + suffix), vectors(result_.momenta[i].vectors));
+    const ThreadCount threads(task_.threads);
+    write_at_once(files);
   }
 
   void write_reports() {
