@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstring>
 #include <type_traits>
 
 namespace saltus {
@@ -13,6 +14,27 @@ std::size_t plane_of(const Lattice<Dim>& lattice, int channels) {
   std::size_t scalars = static_cast<std::size_t>(channels);
   for (int axis = 0; axis + 1 < Dim; ++axis) scalars *= static_cast<std::size_t>(lattice.size[axis]);
   return scalars;
+}
+
+template <int Value>
+using Constant = std::integral_constant<std::size_t, static_cast<std::size_t>(Value)>;
+
+/// Four values at any address.
+template <class T>
+struct FourOf {
+  typedef T Type __attribute__((vector_size(4 * sizeof(T))));
+};
+template <class T>
+using Four = typename FourOf<T>::Type;
+template <class T>
+Four<T> load_four(const T* from) {
+  Four<T> values;
+  std::memcpy(&values, from, sizeof values);
+  return values;
+}
+template <class T>
+void store_four(const Four<T>& values, T* to) {
+  std::memcpy(to, &values, sizeof values);
 }
 
 }  // namespace
@@ -36,10 +58,16 @@ LatticeInterpolation<Dim, T>::LatticeInterpolation(const Lattice<Dim>& source, c
       const int low = std::min(static_cast<int>(at), std::max(last - 1, 0));
       taps_[axis][static_cast<std::size_t>(i)] = {low, static_cast<T>(at - low)};
     }
-    first_[axis].resize(static_cast<std::size_t>(source.size[axis]) + 1);
-    for (int low = 0, i = 0; low <= source.size[axis]; ++low) {
-      while (i < target.size[axis] && taps_[axis][static_cast<std::size_t>(i)].low < low) ++i;
-      first_[axis][static_cast<std::size_t>(low)] = i;
+    for (int j = 0, begin = 0, next = 0; j <= last; ++j) {
+      int end = next;
+      while (end < target.size[axis] && taps_[axis][static_cast<std::size_t>(end)].low <= j) ++end;
+      gatherings_[axis].push_back({begin, end, shares_[axis].size()});
+      for (int i = begin; i < end; ++i) {
+        const Tap tap = taps_[axis][static_cast<std::size_t>(i)];
+        shares_[axis].push_back(last == 0 ? T(1) : tap.low == j ? T(1) - tap.fraction : tap.fraction);
+      }
+      begin = next;
+      next = end;
     }
   }
 }
@@ -59,26 +87,57 @@ void LatticeInterpolation<Dim, T>::resize_axis(int axis, std::size_t outer, Inne
     }
 }
 
+/// resize_axis along x for 3 channels. One value behind either's last is read and written.
+template <int Dim, class T>
+void LatticeInterpolation<Dim, T>::resize_rows_of_3(std::size_t rows, const T* in, T* out) const {
+  const std::size_t from = static_cast<std::size_t>(source_.size[0]), step = from > 1 ? 3 : 0;
+  for (std::size_t row = 0; row < rows; ++row, in += 3 * from)
+    for (const Tap tap : taps_[0]) {
+      const T* at = in + 3 * static_cast<std::size_t>(tap.low);
+      // The fourth is another site's, which comes after and takes its place.
+      store_four<T>((T(1) - tap.fraction) * load_four(at) + tap.fraction * load_four(at + step), out);
+      out += 3;
+    }
+}
+
+/// Every source sample gathers from the targets of the cells on either side, in their order.
 template <int Dim, class T>
 template <class Inner>
 void LatticeInterpolation<Dim, T>::transpose_axis(int axis, std::size_t outer, Inner inner, const T* in, T* out) const {
-  const std::size_t from = static_cast<std::size_t>(source_.size[axis]), to = taps_[axis].size();
-  // Every source sample gathers from the targets of the cells on either side, in their order.
-  for (std::size_t o = 0; o < outer; ++o, in += to * inner)
-    for (std::size_t j = 0; j < from; ++j, out += inner) {
+  for (std::size_t o = 0; o < outer; ++o, in += taps_[axis].size() * inner)
+    for (const Gathering gathering : gatherings_[axis]) {
       std::fill_n(out, static_cast<std::size_t>(inner), T(0));
-      for (int i = first_[axis][j > 0 ? j - 1 : 0]; i < first_[axis][j + 1]; ++i) {
-        const Tap tap = taps_[axis][static_cast<std::size_t>(i)];
-        const T w = from == 1 ? T(1) : static_cast<std::size_t>(tap.low) == j ? T(1) - tap.fraction : tap.fraction;
+      const T* share = shares_[axis].data() + gathering.share;
+      for (int i = gathering.begin; i < gathering.end; ++i, ++share) {
+        const T w = *share;
         const T* value = in + static_cast<std::size_t>(i) * inner;
 #pragma omp simd
         for (std::size_t k = 0; k < inner; ++k) out[k] += w * value[k];
       }
+      out += inner;
     }
 }
 
-/// Along the last axis between two planes of the source, then within the plane, down to x. `channels` as a constant
-/// where it can be: rows along x are as short as that.
+/// transpose_axis along x for 3 channels. One value behind the last of `in` is read.
+template <int Dim, class T>
+void LatticeInterpolation<Dim, T>::transpose_rows_of_3(std::size_t rows, const T* in, T* out) const {
+  const std::size_t row_length = 3 * taps_[0].size();
+  const T* const end = out + 3 * rows * gatherings_[0].size();
+  for (std::size_t row = 0; row < rows; ++row, in += row_length)
+    for (const Gathering gathering : gatherings_[0]) {
+      Four<T> sum = {};
+      const T* share = shares_[0].data() + gathering.share;
+      for (int i = gathering.begin; i < gathering.end; ++i, ++share)
+        sum += *share * load_four(in + 3 * static_cast<std::size_t>(i));
+      if (out + 3 < end)  // as above
+        store_four<T>(sum, out);
+      else
+        for (int c = 0; c < 3; ++c) out[c] = sum[c];
+      out += 3;
+    }
+}
+
+/// `channels` as a constant where it can be: rows along x are as short as that.
 template <int Dim, class T>
 template <bool is_added, class Channels>
 void LatticeInterpolation<Dim, T>::resize_plane(const T* source, int plane, Scratch& scratch, T* out,
@@ -87,23 +146,27 @@ void LatticeInterpolation<Dim, T>::resize_plane(const T* source, int plane, Scra
   const T* a = source + static_cast<std::size_t>(tap.low) * source_plane_;
   const T* b = a + (source_.size[Dim - 1] > 1 ? source_plane_ : 0);
   const T w = tap.fraction;
-  scratch[0].resize(source_plane_);
+  scratch[0].resize(source_plane_ + 1);
   T* between = scratch[0].data();
 #pragma omp simd
   for (std::size_t k = 0; k < source_plane_; ++k) between[k] = (T(1) - w) * a[k] + w * b[k];
-  if constexpr (Dim == 3) {
-    const std::size_t row = static_cast<std::size_t>(source_.size[0]) * channels;
-    scratch[1].resize(row * taps_[1].size());
-    resize_axis<false>(1, 1, row, between, scratch[1].data());
-    between = scratch[1].data();
+  if constexpr (Dim == 2) {
+    resize_axis<is_added>(0, 1, channels, between, out);
+  } else {
+    const std::size_t rows = static_cast<std::size_t>(source_.size[1]), row = taps_[0].size() * channels;
+    scratch[1].resize(rows * row + 1);
+    if constexpr (std::is_same_v<Channels, Constant<3>>)
+      resize_rows_of_3(rows, between, scratch[1].data());
+    else
+      resize_axis<false>(0, rows, channels, between, scratch[1].data());
+    resize_axis<is_added>(1, 1, row, scratch[1].data(), out);
   }
-  resize_axis<is_added>(0, Dim == 3 ? taps_[1].size() : 1, channels, between, out);
 }
 
 template <int Dim, class T>
 void LatticeInterpolation<Dim, T>::take_plane(const T* source, int plane, Scratch& scratch, T* out) const {
   if (channels_ == Dim)
-    resize_plane<false>(source, plane, scratch, out, std::integral_constant<std::size_t, Dim>());
+    resize_plane<false>(source, plane, scratch, out, Constant<Dim>());
   else
     resize_plane<false>(source, plane, scratch, out, static_cast<std::size_t>(channels_));
 }
@@ -112,17 +175,21 @@ template <int Dim, class T>
 void LatticeInterpolation<Dim, T>::transpose_plane(const T* values, int plane, Scratch& scratch) {
   T* reduced = reduced_.data() + static_cast<std::size_t>(plane) * source_plane_;
   const std::size_t channels = static_cast<std::size_t>(channels_);
-  T* rows = reduced;
-  if constexpr (Dim == 3) {
-    scratch[0].resize(static_cast<std::size_t>(source_.size[0]) * channels * taps_[1].size());
-    rows = scratch[0].data();
+  const bool is_vector = channels_ == Dim;
+  if constexpr (Dim == 2) {
+    if (is_vector)
+      transpose_axis(0, 1, Constant<Dim>(), values, reduced);
+    else
+      transpose_axis(0, 1, channels, values, reduced);
+  } else {
+    const std::size_t rows = gatherings_[1].size(), row = taps_[0].size() * channels;
+    scratch[0].resize(rows * row + 1);
+    transpose_axis(1, 1, row, values, scratch[0].data());
+    if (is_vector)
+      transpose_rows_of_3(rows, scratch[0].data(), reduced);
+    else
+      transpose_axis(0, rows, channels, scratch[0].data(), reduced);
   }
-  const std::size_t count = Dim == 3 ? taps_[1].size() : 1;
-  if (channels_ == Dim)
-    transpose_axis(0, count, std::integral_constant<std::size_t, Dim>(), values, rows);
-  else
-    transpose_axis(0, count, channels, values, rows);
-  if constexpr (Dim == 3) transpose_axis(1, 1, static_cast<std::size_t>(source_.size[0]) * channels, rows, reduced);
 }
 
 template <int Dim, class T>
@@ -137,9 +204,10 @@ void LatticeInterpolation<Dim, T>::finish_transpose(T* source) const {
   for (std::size_t j = 0; j < from; ++j) {
     T* sum = source + j * source_plane_;
     std::fill_n(sum, source_plane_, T(0));
-    for (int i = first_[Dim - 1][j > 0 ? j - 1 : 0]; i < first_[Dim - 1][j + 1]; ++i) {
-      const Tap tap = taps_[Dim - 1][static_cast<std::size_t>(i)];
-      const T w = from == 1 ? T(1) : static_cast<std::size_t>(tap.low) == j ? T(1) - tap.fraction : tap.fraction;
+    const Gathering gathering = gatherings_[Dim - 1][j];
+    const T* share = shares_[Dim - 1].data() + gathering.share;
+    for (int i = gathering.begin; i < gathering.end; ++i, ++share) {
+      const T w = *share;
       const T* value = reduced_.data() + static_cast<std::size_t>(i) * source_plane_;
 #pragma omp simd
       for (std::size_t k = 0; k < source_plane_; ++k) sum[k] += w * value[k];
@@ -162,7 +230,7 @@ void LatticeInterpolation<Dim, T>::add_to(const T* source, T* target) const {
     for (int plane = 0; plane < target_.size[Dim - 1]; ++plane) {
       T* out = target + static_cast<std::size_t>(plane) * target_plane_;
       if (channels_ == Dim)
-        resize_plane<true>(source, plane, scratch, out, std::integral_constant<std::size_t, Dim>());
+        resize_plane<true>(source, plane, scratch, out, Constant<Dim>());
       else
         resize_plane<true>(source, plane, scratch, out, static_cast<std::size_t>(channels_));
     }

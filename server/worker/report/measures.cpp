@@ -3,6 +3,7 @@
 #include "core/evaluation/field_error.h"
 #include "core/grid/lattice.h"
 #include "core/support/errors.h"
+#include "core/support/reduction.h"
 
 #include <algorithm>
 #include <array>
@@ -35,11 +36,11 @@ DisplacementMeasures measure_displacement(const VectorVolume<Dim>& displacement)
   DisplacementMeasures found;
   const Lengths<Dim> length(displacement);
   const std::size_t voxels = displacement.grid.voxels();
-  for (std::size_t voxel = 0; voxel < voxels; ++voxel) {
-    const double distance = length(voxel);
-    found.mean_mm += distance / static_cast<double>(voxels);
-    found.max_mm = std::max(found.max_mm, distance);
-  }
+  found.mean_mm = ordered_sum(voxels, length) / static_cast<double>(voxels);
+  double most = 0;
+#pragma omp parallel for schedule(static) reduction(max : most)
+  for (std::size_t voxel = 0; voxel < voxels; ++voxel) most = std::max(most, length(voxel));
+  found.max_mm = most;
   return found;
 }
 

@@ -7,6 +7,7 @@
 #include "core/grid/interpolation.h"
 #include "core/grid/pyramid.h"
 #include "tests/support/finite_differences.h"
+#include "tests/support/many_threads.h"
 #include "tests/support/random_fields.h"
 
 namespace saltus {
@@ -31,28 +32,37 @@ std::vector<Pair<2>> flat_pairs() {
 
 std::vector<Pair<3>> deep_pairs() {
   const Lattice<3> fine{{9, 8, 5}, {1, 1.5, 3}, {}};
-  return {{fine, fine}, {coarsened(fine, 2.0), fine}, {fine, {{4, 5, 3}, {2.5, 2, 5}, {0.3, -4, 1}}}};
+  return {{fine, fine},
+          {coarsened(fine, 2.0), fine},
+          {fine, {{4, 5, 3}, {2.5, 2, 5}, {0.3, -4, 1}}},
+          {{{1, 3, 2}, {2, 2, 2}, {}}, {{5, 4, 3}, {1, 1, 1}, {}}}};
 }
 
 // Oracle: LinearCell at every site of the target.
-template <int Dim>
+template <int Channels, int Dim>
 void expect_linear_interpolation(const Pair<Dim>& pair) {
-  const std::vector<double> field = random_values(2 * pair.source.sites(), 1);
-  std::vector<double> out(2 * pair.target.sites(), 5.0);
-  LatticeInterpolation<Dim, double>(pair.source, pair.target, 2).add_to(field.data(), out.data());
+  const std::vector<double> field = random_values(Channels * pair.source.sites(), 1);
+  std::vector<double> out(Channels * pair.target.sites(), 5.0);
+  LatticeInterpolation<Dim, double>(pair.source, pair.target, Channels).add_to(field.data(), out.data());
   const double none[Dim] = {};
   for (int slab = 0; slab < pair.target.size[Dim - 1]; ++slab)
     visit_slab<Dim>(pair.target, slab, [&](const Index<Dim>& index, std::size_t site) {
       const LinearCell<Dim, double> cell(pair.source,
                                          SitePlacement<Dim, double>(pair.target, pair.source)(index, none));
-      const auto value = cell.template value<2>(field.data());
-      for (int c : {0, 1}) ASSERT_NEAR(out[2 * site + c], 5 + value[c], 1e-12);
+      const auto value = cell.template value<Channels>(field.data());
+      for (int c = 0; c < Channels; ++c) ASSERT_NEAR(out[Channels * site + c], 5 + value[c], 1e-12);
     });
 }
 
 TEST(LatticeInterpolation, AddsLinearInterpolation) {
-  for (const auto& pair : flat_pairs()) expect_linear_interpolation(pair);
-  for (const auto& pair : deep_pairs()) expect_linear_interpolation(pair);
+  for (const auto& pair : flat_pairs()) {
+    expect_linear_interpolation<2>(pair);
+    expect_linear_interpolation<3>(pair);
+  }
+  for (const auto& pair : deep_pairs()) {
+    expect_linear_interpolation<2>(pair);
+    expect_linear_interpolation<3>(pair);
+  }
 }
 
 // Oracle: <P a, b> = <a, P^T b>.
@@ -69,6 +79,8 @@ void expect_transpose(const Pair<Dim>& pair) {
 }
 
 TEST(LatticeInterpolation, HasAnExactTranspose) {
+  const testing::ManyThreads many;  // planes beside each other at once: none writes to another
+  omp_set_num_threads(3);
   for (const auto& pair : flat_pairs()) expect_transpose(pair);
   for (const auto& pair : deep_pairs()) expect_transpose(pair);
 }
