@@ -163,11 +163,34 @@ class Preconditioner {
     return sum;
   }
 
-  /// sum += factor P b
-  template <class B, class T>
-  void add(double factor, const std::vector<B>& b, const std::vector<B>& dense, std::vector<T>& sum) const {
+  /// sum += P b
+  template <class T>
+  void add(const std::vector<T>& b, const std::vector<T>& dense, std::vector<T>& sum) const {
     for (const Piece& piece : pieces_)
-      add_scaled(factor * piece.factor, piece.end - piece.begin, piece.values(b, dense), sum.data() + piece.begin);
+      add_scaled(piece.factor, piece.end - piece.begin, piece.values(b, dense), sum.data() + piece.begin);
+  }
+
+  /// sum = scale (sum - alpha_k P y_k, the last pair first), in blocks that stay in the caches
+  template <class T>
+  void subtract(const std::deque<CurvaturePair<T>>& pairs, const std::vector<double>& alpha, T scale,
+                std::vector<T>& sum) const {
+    constexpr std::size_t most = 4096;
+    for (const Piece& piece : pieces_) {
+      const std::size_t blocks = (piece.end - piece.begin + most - 1) / most;
+#pragma omp parallel for schedule(static) if (is_worth_threads(piece.end - piece.begin))
+      for (std::size_t b = 0; b < blocks; ++b) {
+        const std::size_t begin = b * most, count = std::min(most, piece.end - piece.begin - begin);
+        T* values = sum.data() + piece.begin + begin;
+        for (std::size_t k = pairs.size(); k-- > 0;) {
+          const T f = static_cast<T>(-alpha[k] * piece.factor);
+          const Stored<T>* y = piece.values(pairs[k].y, pairs[k].y_preconditioned) + begin;
+#pragma omp simd
+          for (std::size_t i = 0; i < count; ++i) values[i] += f * static_cast<T>(y[i]);
+        }
+#pragma omp simd
+        for (std::size_t i = 0; i < count; ++i) values[i] *= scale;
+      }
+    }
   }
 
  private:
@@ -184,28 +207,42 @@ class Preconditioner {
   std::size_t dense_size_ = 0;
 };
 
+/// sum += factor terms, and other . sum of what that gives
+template <class T>
+double add_and_dot(double factor, const std::vector<Stored<T>>& terms, const std::vector<Stored<T>>& other,
+                   std::vector<T>& sum) {
+  const T f = static_cast<T>(factor);
+  const Stored<T>*term = terms.data(), *weight = other.data();
+  T* to = sum.data();
+  return ordered_sum(sum.size(), [=](std::size_t i) {
+    to[i] += f * static_cast<T>(term[i]);
+    return static_cast<double>(weight[i]) * static_cast<double>(to[i]);
+  });
+}
+
 /// direction = -H pseudo-gradient by the two-loop recursion, with H_0 the scaled preconditioner. `remainder` is the
-/// pseudo-gradient, which is used up.
+/// pseudo-gradient, which is used up. What one pair changes and what the next one asks of that are one pass, since
+/// memory is what this waits for.
 template <class T>
 void quasi_newton_direction(const Preconditioner& preconditioner, const std::deque<CurvaturePair<T>>& pairs,
                             const std::vector<T>& preconditioned, std::vector<T>& remainder,
                             std::vector<T>& direction) {
-  std::vector<double> alpha(pairs.size());
   direction.assign(remainder.size(), T(0));
-  preconditioner.add(1, remainder, preconditioned, direction);
-  for (std::size_t k = pairs.size(); k-- > 0;) {
-    alpha[k] = pairs[k].rho * dot(pairs[k].s, remainder);
-    add_scaled(-alpha[k], pairs[k].y, remainder);
-    preconditioner.add(-alpha[k], pairs[k].y, pairs[k].y_preconditioned, direction);
-  }
-  if (!pairs.empty()) {
-    const CurvaturePair<T>& last = pairs.back();
-    const double curvature = preconditioner.dot(last.y, last.y, last.y_preconditioned);
-    const T scale = static_cast<T>(curvature > 0 ? 1 / (last.rho * curvature) : 1);
-    scale_by(scale, direction);
-  }
-  for (std::size_t k = 0; k < pairs.size(); ++k)
-    add_scaled(alpha[k] - pairs[k].rho * dot(pairs[k].y, direction), pairs[k].s, direction);
+  preconditioner.add(remainder, preconditioned, direction);
+  if (pairs.empty()) return scale_by(T(-1), direction);
+
+  const std::size_t last = pairs.size() - 1;
+  std::vector<double> alpha(pairs.size());
+  for (std::size_t k = last + 1; k-- > 0;)
+    alpha[k] = pairs[k].rho * (k == last ? dot(pairs[k].s, remainder)
+                                         : add_and_dot(-alpha[k + 1], pairs[k + 1].y, pairs[k].s, remainder));
+  const double curvature = preconditioner.dot(pairs[last].y, pairs[last].y, pairs[last].y_preconditioned);
+  preconditioner.subtract(pairs, alpha, static_cast<T>(curvature > 0 ? 1 / (pairs[last].rho * curvature) : 1),
+                          direction);
+  double share = alpha[0] - pairs[0].rho * dot(pairs[0].y, direction);
+  for (std::size_t k = 0; k < last; ++k)
+    share = alpha[k + 1] - pairs[k + 1].rho * add_and_dot(share, pairs[k].s, pairs[k + 1].y, direction);
+  add_scaled(share, pairs[last].s, direction);
   scale_by(T(-1), direction);
 }
 
