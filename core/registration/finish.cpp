@@ -1,6 +1,8 @@
 #include "core/registration/finish.h"
 
 #include "core/flow/backward_map.h"
+#include "core/grid/block_mask.h"
+#include "core/grid/cell_lanes.h"
 #include "core/grid/interpolation.h"
 #include "core/grid/jacobian_determinant.h"
 #include "core/support/ranking.h"
@@ -32,11 +34,37 @@ struct Undone {
   double square;  ///< of what is missing, mm^2
 };
 
+/// What is affine in a site's index: of the sites of an image with x fastest, as rows of it are gone along.
+template <int Dim>
+class AffineOfIndex {
+ public:
+  /// `of` gives it for an index as a vector.
+  template <class Function>
+  explicit AffineOfIndex(const Function& of) : at_zero_(of(Vector<Dim>::Zero().eval())) {
+    for (int axis = 0; axis < Dim; ++axis) step_.col(axis) = of(Vector<Dim>::Unit(axis).eval()) - at_zero_;
+  }
+  Vector<Dim> operator()(const Index<Dim>& index) const {
+    Vector<Dim> value = at_zero_;
+    for (int axis = 0; axis < Dim; ++axis) value += index[axis] * step_.col(axis);
+    return value;
+  }
+  /// From a site to the next one along x.
+  Vector<Dim> step() const { return step_.col(0); }
+
+ private:
+  Vector<Dim> at_zero_;
+  Matrix<Dim> step_;
+};
+
 /// Solves x + u(x) = y for a displacement that is taken linearly between the sites of a lattice, as users take it, by
 /// Newton's method with the slopes of the cell that x is in.
 template <int Dim>
 class Undoing {
  public:
+  using Points = LanePoints<Dim, float>;
+  using Lanes = typename CellLanes<Dim, float>::Lanes;
+  static constexpr int kLanes = CellLanes<Dim, float>::kLanes;
+
   Undoing(const Lattice<Dim>& lattice, const Field<float>& displacement)
       : lattice_(lattice), displacement_(displacement) {
     double least = lattice.spacing[0];
@@ -49,6 +77,48 @@ class Undoing {
   }
 
   bool is_close(const Undone<Dim>& found) const { return found.square <= close_ * close_; }
+
+  /// Of y, y + step, ... side by side: `apart` is x - y, from where it begins to where it ends, and `square` that of
+  /// what is missing then, as in Undone. Where Newton's method alone does not lead on, it ends early.
+  void of_row(const Vector<Dim>& y, const Vector<Dim>& step, int count, Points& apart, Lanes& square) const {
+    Points at_rest, missing{}, next_missing{}, next;
+    Slopes slopes{}, next_slopes{};
+    for (int c = 0; c < Dim; ++c)
+      for (int lane = 0; lane < kLanes; ++lane)
+        at_rest[c][lane] = static_cast<float>((y[c] + lane * step[c]) * per_mm_[c]);
+    look_at_row(at_rest, count, apart, missing, square, slopes);
+    const float close = static_cast<float>(close_ * close_);
+    for (int round = 0; round < kMostRowRounds; ++round) {
+      if (std::all_of(square.begin(), square.begin() + count, [=](float one) { return one <= close; })) return;
+      for (int lane = 0; lane < kLanes; ++lane) {
+        Eigen::Matrix<float, Dim, Dim> cell;
+        Eigen::Matrix<float, Dim, 1> rest;
+        for (int c = 0; c < Dim; ++c) {
+          rest[c] = missing[c][lane];
+          for (int axis = 0; axis < Dim; ++axis) cell(c, axis) = slopes[c][axis][lane];
+        }
+        const Eigen::Matrix<float, Dim, 1> change = cell.inverse() * rest;
+        for (int c = 0; c < Dim; ++c) next[c][lane] = apart[c][lane] + change[c];
+      }
+      Lanes next_square;
+      look_at_row(at_rest, count, next, next_missing, next_square, next_slopes);
+      for (int lane = 0; lane < count; ++lane) {
+        bool is_better = square[lane] > close && next_square[lane] < square[lane];
+        for (int c = 0; c < Dim; ++c)
+          for (const Points* one : {&apart, &next}) {
+            const double at = at_rest[c][lane] / per_mm_[c] + (*one)[c][lane];
+            is_better = is_better && at >= 0 && at <= extent_[c];
+          }
+        if (!is_better) continue;
+        square[lane] = next_square[lane];
+        for (int c = 0; c < Dim; ++c) {
+          apart[c][lane] = next[c][lane];
+          missing[c][lane] = next_missing[c][lane];
+          for (int axis = 0; axis < Dim; ++axis) slopes[c][axis][lane] = next_slopes[c][axis][lane];
+        }
+      }
+    }
+  }
 
   /// From `first`; as near as it comes within the lattice.
   Undone<Dim> of(const Vector<Dim>& y, const Vector<Dim>& first) const {
@@ -65,7 +135,30 @@ class Undoing {
   }
 
  private:
-  static constexpr int kMostRounds = 12;
+  static constexpr int kMostRounds = 12, kMostRowRounds = 2;
+  using Slopes = std::array<Points, Dim>;  ///< of x + u(x), by component and axis
+
+  [[gnu::always_inline]] void look_at_row(const Points& at_rest, int count, const Points& apart, Points& missing,
+                                          Lanes& square, Slopes& slopes) const {
+    Points at;
+    for (int c = 0; c < Dim; ++c)
+#pragma omp simd
+      for (int lane = 0; lane < kLanes; ++lane)
+        at[c][lane] = at_rest[c][lane] + apart[c][lane] * static_cast<float>(per_mm_[c]);
+    CellLanes<Dim, float> cells(lattice_);
+    cells.find(at);
+    square = {};
+    for (int lane = 0; lane < count; ++lane) {
+      std::array<std::array<float, Dim>, Dim> of_u;
+      const auto u = cells.cell(lane).template value_and_slopes<Dim>(displacement_.data(), of_u);
+      for (int c = 0; c < Dim; ++c) {
+        missing[c][lane] = -(apart[c][lane] + u[c]);
+        square[lane] += missing[c][lane] * missing[c][lane];
+        for (int axis = 0; axis < Dim; ++axis)
+          slopes[c][axis][lane] = (c == axis) + of_u[c][axis] * static_cast<float>(per_mm_[axis]);
+      }
+    }
+  }
 
   /// With the slopes of x + u(x) there.
   [[gnu::always_inline]] Undone<Dim> look_at(const Vector<Dim>& y, const Vector<Dim>& at, Matrix<Dim>& slopes) const {
@@ -101,24 +194,23 @@ void write_inverse(const RegistrationInput<Dim>& input, const Lattice<Dim>& latt
   const ImageGrid<Dim>&fixed = input.fixed.grid, &moving = input.moving.grid;
   const Lattice<Dim> moving_lattice = lattice_of(moving);
   const Matrix<Dim> inverse = input.start.linear.inverse();
-  const auto world_of = [&](const Index<Dim>& index) {
-    Vector<Dim> at;
-    for (int c = 0; c < Dim; ++c) at[c] = index[c];
-    return moving.to_world(at);
+  const auto frame_of = [&](const Vector<Dim>& index) -> Vector<Dim> {
+    return fixed.direction.transpose() * (inverse * (moving.to_world(index) - input.start.offset) - fixed.origin);
   };
-  const auto frame_of = [&](const Vector<Dim>& moving_world) -> Vector<Dim> {
-    return fixed.direction.transpose() * (inverse * (moving_world - input.start.offset) - fixed.origin);
-  };
-  const auto site_of = [&](const Index<Dim>& index) {
-    Vector<Dim> at;
-    for (int c = 0; c < Dim; ++c) at[c] = moving_lattice.offset[c] + index[c] * moving_lattice.spacing[c];
-    return at;
-  };
+  const AffineOfIndex<Dim> start(frame_of);
+  const AffineOfIndex<Dim> start_from_site([&](const Vector<Dim>& index) -> Vector<Dim> {  // mm, in the moving frame
+    Vector<Dim> apart = frame_of(index);
+    for (int c = 0; c < Dim; ++c) apart[c] -= moving_lattice.offset[c] + index[c] * moving_lattice.spacing[c];
+    return apart;
+  });
+  const AffineOfIndex<Dim> back_at_start([&](const Vector<Dim>& index) -> Vector<Dim> {
+    return fixed.origin + fixed.direction * frame_of(index) - moving.to_world(index);
+  });
   Field<float> moved(Dim * moving_lattice.sites());  // from the moving image's own sites
 #pragma omp parallel for schedule(static)
   for (int slab = 0; slab < moving_lattice.size[Dim - 1]; ++slab)
     visit_slab<Dim>(moving_lattice, slab, [&](const Index<Dim>& index, std::size_t site) {
-      const Vector<Dim> apart = frame_of(world_of(index)) - site_of(index);
+      const Vector<Dim> apart = start_from_site(index);
       for (int c = 0; c < Dim; ++c) moved[Dim * site + c] = static_cast<float>(apart[c]);
     });
   move_forward<Dim, float>(moving_lattice, lattice, velocities, moved);
@@ -127,23 +219,41 @@ void write_inverse(const RegistrationInput<Dim>& input, const Lattice<Dim>& latt
   std::array<float*, Dim> inverse_displacement;
   for (int c = 0; c < Dim; ++c) inverse_displacement[c] = result.inverse_displacement.component(c);
   const Undoing<Dim> undoing(lattice_of(fixed), backward);
-  std::vector<double> consistency(moving_lattice.sites());
+  std::vector<float> consistency(moving_lattice.sites());
+  const auto all = BlockMask<Dim>::all(moving_lattice);
 #pragma omp parallel for schedule(static)
   for (int slab = 0; slab < moving_lattice.size[Dim - 1]; ++slab)
-    visit_slab<Dim>(moving_lattice, slab, [&](const Index<Dim>& index, std::size_t site) {
-      const Vector<Dim> world = world_of(index), start = frame_of(world);
-      Vector<Dim> guess = site_of(index);
-      for (int c = 0; c < Dim; ++c) guess[c] += moved[Dim * site + c];
-      Undone<Dim> found = undoing.of(start, guess);
-      // Where that finds no way, across a fold or a jump, the flow is undone step by step first.
-      if (!undoing.is_close(found)) {
-        const Undone<Dim> other = undoing.of(start, forward_point<Dim, float>(lattice, velocities, start));
-        if (other.square < found.square) found = other;
-      }
-      const Vector<Dim> back = fixed.origin + fixed.direction * found.at - world;
-      for (int c = 0; c < Dim; ++c) inverse_displacement[c][site] = static_cast<float>(back[c]);
-      consistency[site] = std::sqrt(found.square);
-    });
+    all.visit_pieces(
+        moving_lattice, slab, Undoing<Dim>::kLanes, [&](const Index<Dim>& index, std::size_t site, int count) {
+          const Vector<Dim> first = start(index), first_back = back_at_start(index);
+          LanePoints<Dim, float> apart{};
+          Vector<Dim> from_site = start_from_site(index);
+          for (int lane = 0; lane < count; ++lane, from_site += start_from_site.step())
+            for (int c = 0; c < Dim; ++c)
+              apart[c][lane] =
+                  static_cast<float>(moved[Dim * (site + static_cast<std::size_t>(lane)) + c] - from_site[c]);
+          typename Undoing<Dim>::Lanes square;
+          undoing.of_row(first, start.step(), count, apart, square);
+          for (int lane = 0; lane < count; ++lane) {
+            Undone<Dim> found{{}, {}, square[lane]};
+            Vector<Dim> way;
+            for (int c = 0; c < Dim; ++c) way[c] = apart[c][lane];
+            if (!undoing.is_close(found)) {
+              const Vector<Dim> y = first + lane * start.step();
+              found = undoing.of(y, y + way);
+              // Where that finds no way, across a fold or a jump, the flow is undone step by step first.
+              if (!undoing.is_close(found)) {
+                const Undone<Dim> other = undoing.of(y, forward_point<Dim, float>(lattice, velocities, y));
+                if (other.square < found.square) found = other;
+              }
+              way = found.at - y;
+            }
+            const Vector<Dim> back = first_back + lane * back_at_start.step() + fixed.direction * way;
+            for (int c = 0; c < Dim; ++c)
+              inverse_displacement[c][site + static_cast<std::size_t>(lane)] = static_cast<float>(back[c]);
+            consistency[site + static_cast<std::size_t>(lane)] = static_cast<float>(std::sqrt(found.square));
+          }
+        });
   result.summary.inverse_consistency_mm = ranking_of(consistency.size(), consistency.data()).at(consistency.size() / 2);
 }
 
