@@ -19,11 +19,12 @@ class Lengths {
   explicit Lengths(const VectorVolume<Dim>& field) {
     for (int c = 0; c < Dim; ++c) components_[c] = field.component(c);
   }
-  double operator()(std::size_t voxel) const {
+  double square(std::size_t voxel) const {
     double sum = 0;
     for (const float* component : components_) sum += std::pow(static_cast<double>(component[voxel]), 2);
-    return std::sqrt(sum);
+    return sum;
   }
+  double operator()(std::size_t voxel) const { return std::sqrt(square(voxel)); }
 
  private:
   std::array<const float*, Dim> components_;
@@ -39,8 +40,8 @@ DisplacementMeasures measure_displacement(const VectorVolume<Dim>& displacement)
   found.mean_mm = ordered_sum(voxels, length) / static_cast<double>(voxels);
   double most = 0;
 #pragma omp parallel for schedule(static) reduction(max : most)
-  for (std::size_t voxel = 0; voxel < voxels; ++voxel) most = std::max(most, length(voxel));
-  found.max_mm = most;
+  for (std::size_t voxel = 0; voxel < voxels; ++voxel) most = std::max(most, length.square(voxel));
+  found.max_mm = std::sqrt(most);
   return found;
 }
 
