@@ -17,11 +17,11 @@ namespace saltus::cli {
 /// What `submit` is told about the place of a job among others, as it stands on the command line.
 struct QueueOptions {
   std::string priority = "normal";
-  std::vector<std::string> labels;  ///< NAME=VALUE each
-  double memory = 0;                ///< GiB; 0: an estimate from the images
-  double memory_limit = 0;          ///< GiB; 0: none
-  double wall_time = 0;             ///< minutes; 0: none
-  double cpu_time = 0;              ///< minutes; 0: none
+  std::vector<std::string> labels = {};  ///< NAME=VALUE each
+  double memory = 0;                     ///< GiB; 0: an estimate from the images
+  double memory_limit = 0;               ///< GiB; 0: none
+  double wall_time = 0;                  ///< minutes; 0: none
+  double cpu_time = 0;                   ///< minutes; 0: none
 };
 
 void add_queue_options(CLI::App& app, QueueOptions& options);

@@ -12,7 +12,6 @@
 #include <vector>
 
 namespace saltus::cli {
-namespace {
 
 /// What an interrupt has to do depends on how far a job is: before there is one, calls are cut off; while the job is
 /// being made, nothing, since the answer must not be lost; then the job is cancelled. A second interrupt, or a cancel
@@ -81,8 +80,6 @@ class InterruptibleJobs {
   std::vector<std::weak_ptr<Run>> runs_;
   Interrupts interrupts_;
 };
-
-}  // namespace
 
 struct Registrar::Parts {
   // Made before the daemon and ended after it, so that no interrupt leaves its folder behind.

@@ -43,7 +43,8 @@ IndexBox<Dim> content_box(const Lattice<Dim>& lattice, const float* samples, con
   for (int axis = 0; axis < Dim; ++axis) planes[axis].resize(static_cast<std::size_t>(lattice.size[axis]));
 #pragma omp parallel if (is_worth_threads(lattice.sites()))
   {
-    auto own = planes;
+    std::array<std::vector<PlaneCount>, Dim> own;  // not a copy of what others may be adding to
+    for (int axis = 0; axis < Dim; ++axis) own[axis].resize(planes[axis].size());
 #pragma omp for schedule(static) nowait
     for (int slab = 0; slab < lattice.size[Dim - 1]; ++slab)
       visit_slab<Dim>(lattice, slab, [&](const Index<Dim>& index, std::size_t site) {

@@ -27,10 +27,8 @@ struct FourOf {
 template <class T>
 using Four = typename FourOf<T>::Type;
 template <class T>
-Four<T> load_four(const T* from) {
-  Four<T> values;
+void load_four(const T* from, Four<T>& values) {  // not returned: older processors have no register for four doubles
   std::memcpy(&values, from, sizeof values);
-  return values;
 }
 template <class T>
 void store_four(const Four<T>& values, T* to) {
@@ -95,7 +93,10 @@ void LatticeInterpolation<Dim, T>::resize_rows_of_3(std::size_t rows, const T* i
     for (const Tap tap : taps_[0]) {
       const T* at = in + 3 * static_cast<std::size_t>(tap.low);
       // The fourth is another site's, which comes after and takes its place.
-      store_four<T>((T(1) - tap.fraction) * load_four(at) + tap.fraction * load_four(at + step), out);
+      Four<T> low, high;
+      load_four<T>(at, low);
+      load_four<T>(at + step, high);
+      store_four<T>((T(1) - tap.fraction) * low + tap.fraction * high, out);
       out += 3;
     }
 }
@@ -127,8 +128,11 @@ void LatticeInterpolation<Dim, T>::transpose_rows_of_3(std::size_t rows, const T
     for (const Gathering gathering : gatherings_[0]) {
       Four<T> sum = {};
       const T* share = shares_[0].data() + gathering.share;
-      for (int i = gathering.begin; i < gathering.end; ++i, ++share)
-        sum += *share * load_four(in + 3 * static_cast<std::size_t>(i));
+      for (int i = gathering.begin; i < gathering.end; ++i, ++share) {
+        Four<T> values;
+        load_four<T>(in + 3 * static_cast<std::size_t>(i), values);
+        sum += *share * values;
+      }
       if (out + 3 < end)  // as above
         store_four<T>(sum, out);
       else

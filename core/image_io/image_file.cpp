@@ -14,6 +14,7 @@
 #include <sstream>
 #include <string>
 
+#include "core/image_io/itk_lock.h"
 #include "core/image_io/meta_header.h"
 #include "core/image_io/nifti_header.h"
 #include "core/image_io/nrrd_header.h"
@@ -42,13 +43,12 @@ itk::ImageIOBase::Pointer make_image_io(ImageFormat format) {
   throw InvalidInput("image format " + std::to_string(static_cast<int>(format)) + " does not exist");
 }
 
-/// What ITK says, on one line, without its class and address prefix and without the folder.
-std::string reason(const itk::ExceptionObject& error, const std::filesystem::path& path) {
+/// What ITK says of the file at `path`, on one line, without its class and address prefix, and with its name alone.
+std::string reason(const itk::ExceptionObject& error, const std::filesystem::path& path, const std::string& name) {
   std::string text = error.GetDescription();
   if (const auto prefix = text.find("): "); text.starts_with("itk::ERROR") && prefix != std::string::npos)
     text.erase(0, prefix + 3);
   const std::string full = path.string();
-  const std::string name = path.filename().string();
   // Not from where it was found: the name of a file in the current folder is its whole path.
   for (auto at = text.find(full); at != std::string::npos; at = text.find(full, at + name.size()))
     text.replace(at, full.size(), name);
@@ -228,6 +228,7 @@ void to_luminance(ImageFile& image) {
 /// Has ITK write `samples`, component fastest, as the whole file at `path`, which errors call `name`.
 void write_with_itk(const std::filesystem::path& path, const std::string& name, ImageFormat format,
                     const ImageFileHeader& header, itk::IOComponentEnum component_type, const void* samples) try {
+  const std::lock_guard lock(itk_lock);
   const auto io = make_image_io(format);
   if (format == ImageFormat::MetaImage) static_cast<itk::MetaImageIO&>(*io).SetDoublePrecision(17);
   io->SetFileName(path.string());
@@ -246,7 +247,7 @@ void write_with_itk(const std::filesystem::path& path, const std::string& name, 
   io->SetIORegion(whole(*io));
   io->Write(samples);
 } catch (const itk::ExceptionObject& error) {
-  throw FileError("cannot write " + name + ": " + reason(error, path));
+  throw FileError("cannot write " + name + ": " + reason(error, path, name));
 }
 
 /// Everything before the voxels: what ITK writes for an image of at most two voxels an axis in the same place, with the
@@ -254,23 +255,28 @@ void write_with_itk(const std::filesystem::path& path, const std::string& name, 
 template <typename Sample>
 std::vector<char> nifti_head(const std::filesystem::path& path, const ImageFileHeader& header,
                              itk::IOComponentEnum component_type) {
-  ImageFileHeader small = header;
-  for (std::size_t& size : small.size) size = std::min<std::size_t>(size, 2);
-  const std::vector<Sample> samples(8 * static_cast<std::size_t>(header.components));
   const std::string name = path.filename().string();
-  TemporaryFile file(path.parent_path() / (path.stem().stem().string() + ".nii"));
-  write_with_itk(file.path(), name, ImageFormat::Nifti, small, component_type, samples.data());
-  std::vector<char> head(read_nifti_header(file.path()).data_offset);
-  std::ifstream input(file.path(), std::ios::binary);
-  if (!input.read(head.data(), static_cast<std::streamsize>(head.size())))
-    throw FileError("cannot write " + name + ": its header came out too short, is the disk full?");
-  constexpr std::size_t first_size = 42;  // of the array dim, whose first entry counts the others
+  ImageFileHeader small = header;
   for (int axis = 0; axis < header.dimension; ++axis) {
     if (header.size[axis] > std::numeric_limits<std::int16_t>::max())
       throw InvalidInput("image for " + name + " has " + std::to_string(header.size[axis]) +
                          " voxels along an axis; NIfTI has room for 32767, use .mha");
+    small.size[axis] = std::min<std::size_t>(header.size[axis], 2);
+  }
+  const std::vector<Sample> samples(8 * static_cast<std::size_t>(header.components));
+  TemporaryFile file(path.parent_path() / (path.stem().stem().string() + ".nii"));
+  write_with_itk(file.path(), name, ImageFormat::Nifti, small, component_type, samples.data());
+  std::vector<char> head;
+  try {
+    head.resize(read_nifti_header(file.path()).data_offset);
+    std::ifstream input(file.path(), std::ios::binary);
+    if (!input.read(head.data(), static_cast<std::streamsize>(head.size()))) throw FileError("too short");
+  } catch (const FileError&) {  // ITK does not notice what it could not write
+    throw FileError("cannot write " + name + ": is the disk full, or its folder write-protected?");
+  }
+  for (int axis = 0; axis < header.dimension; ++axis) {
     const auto size = static_cast<std::int16_t>(header.size[axis]);
-    std::memcpy(head.data() + first_size + sizeof size * static_cast<std::size_t>(axis), &size, sizeof size);
+    std::memcpy(head.data() + kNiftiSizes + sizeof size * static_cast<std::size_t>(axis), &size, sizeof size);
   }
   return head;
 }
@@ -329,7 +335,7 @@ ImageFileHeader read_image_header(const std::filesystem::path& path) {
     if (format_from_suffix(path) == ImageFormat::Png) header.components = 1;
     return header;
   } catch (const itk::ExceptionObject& error) {
-    refuse(path, reason(error, path));
+    refuse(path, reason(error, path, path.filename().string()));
   }
 }
 
@@ -350,7 +356,7 @@ ImageFile read_image_file(const std::filesystem::path& path) {
     if (format_from_suffix(path) == ImageFormat::Png && image.header.components == 3) to_luminance(image);
     return image;
   } catch (const itk::ExceptionObject& error) {
-    refuse(path, reason(error, path));
+    refuse(path, reason(error, path, path.filename().string()));
   }
 }
 

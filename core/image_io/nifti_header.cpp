@@ -54,8 +54,8 @@ class HeaderBytes {
 };
 
 // Where the fields are.
-constexpr std::size_t kDimensions = 40, kSpacing = 76, kDataOffset = 108, kQformCode = 252, kSformCode = 254,
-                      kQuaternion = 256, kSform = 280, kMagic = 344;
+constexpr std::size_t kDimensions = kNiftiSizes - 2, kSpacing = 76, kDataOffset = 108, kQformCode = 252,
+                      kSformCode = 254, kQuaternion = 256, kSform = 280, kMagic = 344;
 constexpr std::size_t kQuaternionNumbers = 6, kSformNumbers = 12;
 /// No place in millimetres is further away; ITK's matrices overflow at values that are.
 constexpr float kFarthest = 1e9F;

@@ -1,9 +1,13 @@
 #pragma once
 
 #include <array>
+#include <cstddef>
 #include <filesystem>
 
 namespace saltus {
+
+/// Byte of a NIfTI-1 header at which the sizes of the axes begin, 16 bits each.
+constexpr std::size_t kNiftiSizes = 42;
 
 /// What a NIfTI-1 header says and ITK's reader does not pass on.
 struct NiftiHeader {

@@ -3,6 +3,8 @@
 #include <isa-l/igzip_lib.h>
 
 #include <algorithm>
+#include <cerrno>
+#include <system_error>
 #include <utility>
 #include <vector>
 
@@ -17,8 +19,10 @@ struct OutputStream::Packer {
 };
 
 OutputStream::OutputStream(const std::filesystem::path& path, Packing packing, std::string name)
-    : name_(std::move(name)), file_(path, std::ios::binary) {
-  if (!file_) throw FileError("cannot write " + name_ + ": the file cannot be made");
+    : name_(std::move(name)) {
+  errno = 0;
+  file_.open(path, std::ios::binary);
+  if (!file_) fail();
   if (packing == Packing::Plain) return;
   packer_ = std::make_unique<Packer>();
   isal_deflate_init(&packer_->stream);
@@ -39,6 +43,7 @@ void OutputStream::write(std::span<const char> bytes) {
 
 void OutputStream::finish() {
   if (packer_) pack({}, true);
+  errno = 0;
   file_.close();
   if (!file_) fail();
 }
@@ -55,13 +60,18 @@ void OutputStream::pack(std::span<const char> bytes, bool is_end) {
     stream.avail_out = static_cast<std::uint32_t>(packed.size());
     if (isal_deflate(&stream) != COMP_OK) throw FileError("cannot write " + name_ + ": compressing it failed");
     put({reinterpret_cast<const char*>(packed.data()), packed.size() - stream.avail_out});
-  } while (is_end ? stream.internal_state.state != ZSTATE_END : stream.avail_out == 0);
+  } while (is_end ? stream.internal_state.state != ZSTATE_END : stream.avail_out == 0 || stream.avail_in > 0);
 }
 
 void OutputStream::put(std::span<const char> bytes) {
+  errno = 0;
   if (!file_.write(bytes.data(), static_cast<std::streamsize>(bytes.size()))) fail();
 }
 
-void OutputStream::fail() const { throw FileError("cannot write " + name_ + ": is the disk full?"); }
+void OutputStream::fail() const {
+  const int code = errno;
+  throw FileError("cannot write " + name_ + ": " +
+                  (code != 0 ? std::generic_category().message(code) : "is the disk full?"));
+}
 
 }  // namespace saltus

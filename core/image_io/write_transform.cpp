@@ -7,6 +7,7 @@
 #include <string>
 
 #include "core/image_io/itk_geometry.h"
+#include "core/image_io/itk_lock.h"
 #include "core/image_io/temporary_file.h"
 #include "core/support/errors.h"
 
@@ -28,6 +29,7 @@ void write_transform(const std::filesystem::path& path, const VectorVolume<Dim>&
   using Field = typename FieldTransform::DisplacementFieldType;
   TemporaryFile temporary(path);
   try {
+    const std::lock_guard lock(itk_lock);
     const auto field = Field::New();
     set_geometry(*field, grid);
     field->Allocate();

@@ -38,10 +38,16 @@ void add_faces(const MomentumScale<Dim, T>& scale, const T* field, int axis, dou
   std::size_t count = 0;
   visit_elements([&](const Index<Dim>&, const Vector<Dim>&) { ++count; });
   elements.reserve(count);
+  const Vector<Dim> normal = Vector<Dim>::Unit(axis);
+  Vector<Dim> first, step;  // of the faces
+  for (int a = 0; a < Dim; ++a) {
+    step[a] = lattice.spacing[a];
+    first[a] = lattice.offset[a] + 0.5 * normal[a] * step[a];
+  }
   visit_elements([&](const Index<Dim>& index, const Vector<Dim>& strength) {
-    Vector<Dim> at;
-    for (int a = 0; a < Dim; ++a) at[a] = lattice.offset[a] + (index[a] + (a == axis ? 0.5 : 0.0)) * lattice.spacing[a];
-    elements.push_back({at, Vector<Dim>::Unit(axis), strength});
+    Vector<Dim> at = first;
+    for (int a = 0; a < Dim; ++a) at[a] += index[a] * step[a];
+    elements.push_back({at, normal, strength});
   });
 }
 

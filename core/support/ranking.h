@@ -13,10 +13,10 @@ namespace saltus {
 
 /// Which of many numbers would be at a place if they were sorted; none is moved or kept. The places of numbers in bins
 /// are counted digit by digit, the most significant ones first, in as many passes as a number has digits of 11 bits: 3
-/// for float, 6 for double. -0 is before 0.
+/// for float, 6 for double. -0 is before 0, and what is NaN beyond the infinity of its sign.
 ///
 /// `values(i, take)` calls take(number) for what there is of candidate i, in [0, candidates): nothing or one number,
-/// not NaN, and the same at every call; by several threads at once.
+/// and the same at every call; by several threads at once.
 template <class T, class Values>
 class Ranking {
  public:

@@ -28,6 +28,8 @@ const Buckets kJobSeconds = {1, 5, 10, 30, 60, 120, 300, 600, 1800, 3600, 7200, 
 
 double seconds_between(WallTime begin, WallTime end) { return Seconds(end - begin).count(); }
 
+}  // namespace
+
 /// Measured when somebody asks.
 class AtScrape final : public prometheus::Collectable {
  public:
@@ -81,8 +83,6 @@ struct Families {
   }
   const std::shared_ptr<prometheus::Registry> registry = std::make_shared<prometheus::Registry>();
 };
-
-}  // namespace
 
 class Metrics::Parts : public Families {
  public:

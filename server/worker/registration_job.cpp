@@ -165,7 +165,8 @@ class Run {
 
   using Files = std::vector<std::pair<fs::path, std::function<void(const fs::path&)>>>;
 
-  /// Calls each function with its path, several at once.
+  /// Calls each function with its path, several at once: they pack side by side, while ITK writes one at a time. What
+  /// each holds for itself is far below what the registration held, of which the images and the result are left.
   static void write_at_once(const Files& files) {
     std::vector<std::exception_ptr> failures(files.size());
 #pragma omp parallel for schedule(dynamic, 1)

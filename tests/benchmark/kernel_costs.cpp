@@ -13,6 +13,7 @@
 
 #include "core/flow/backward_map.h"
 #include "core/flow/coadjoint_transport.h"
+#include "core/grid/resampling.h"
 #include "core/grid/warp.h"
 #include "core/kernels/kernel_profile.h"
 #include "core/kernels/separable_convolution.h"
@@ -113,6 +114,18 @@ class Scene {
     list.push_back({"its adjoint", 2 * kVector + 2 * kScalar, 3 * kPlacing + 3 * interpolation(1) + 9 * 2, [this] {
                       warp_adjoint<3, float>({{&image_, fixed_.data()}}, lattice_, displacement_.data(), more_.data());
                     }});
+
+    // Every second sample read, all of them read and written; along each axis two products and a sum, of a quarter,
+    // half and all of what comes out. Its transpose reads all and writes every second one, with a sum more.
+    Lattice<3> coarse = lattice_;
+    for (int axis = 0; axis < 3; ++axis)
+      coarse.size[axis] /= 2, coarse.spacing[axis] *= 2, coarse.offset[axis] = 0.5 * lattice_.spacing[axis];
+    auto between = std::make_shared<LatticeInterpolation<3, float>>(coarse, lattice_, 3);
+    constexpr double values = 3 * (1 + 0.5 + 0.25);
+    list.push_back({"a field on a lattice twice as fine", (2 + 0.125) * kVector, values * 3,
+                    [=, this] { between->add_to(vectors_.data(), out_.data()); }});
+    list.push_back({"its transpose", (1 + 0.125) * kVector, values * 4,
+                    [=, this] { between->transpose(vectors_.data(), more_.data()); }});
 
     // Both images read, the gradient written. Six products, window sums of those and of three coefficients (a sum and a
     // difference along each axis), and about forty operations to make the coefficients and the gradient of them.

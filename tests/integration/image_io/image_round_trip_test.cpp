@@ -9,10 +9,12 @@
 #include <sys/resource.h>
 #include <zlib.h>
 
+#include <atomic>
 #include <csignal>
 #include <fstream>
 #include <numeric>
 #include <random>
+#include <thread>
 
 #include "core/image_io/read_image.h"
 #include "core/image_io/write_image.h"
@@ -364,28 +366,83 @@ TEST(WriteImage, RefusesWhatTheFormatCannotHold) {
   EXPECT_THROW(write_volume(folder / "nowhere/a.mha", sample_volume<3>()), FileError);
 }
 
-/// Writes where no file may grow beyond 512 bytes, which stands for the full disk, and ends the process with 0 when
-/// that was an error and left nothing.
-[[noreturn]] void write_on_full_disk(const std::filesystem::path& path) {
+/// Writes where no file may grow beyond `most` bytes, which stands for the full disk, and ends the process with 0 when
+/// that was an error that names the file, and left nothing.
+[[noreturn]] void write_on_full_disk(const std::filesystem::path& path, rlim_t most) {
   signal(SIGXFSZ, SIG_IGN);
-  const rlimit limit{512, 512};
+  const rlimit limit{most, most};
   setrlimit(RLIMIT_FSIZE, &limit);
   ImageGrid<3> grid;
   grid.size = {40, 40, 40};
   try {
     write_volume(path, sample_volume(grid));
     _exit(1);
-  } catch (const FileError&) {
+  } catch (const FileError& error) {
     const bool is_clean = std::filesystem::is_empty(path.parent_path());
     std::filesystem::remove_all(path.parent_path());  // Ours: a test that starts itself anew makes its own folder.
-    _exit(is_clean ? 0 : 2);
+    const std::string text = error.what(), begin = "cannot write " + path.filename().string() + ": ";
+    const bool is_named = text.starts_with(begin) && text.find("." + std::to_string(getpid())) == std::string::npos;
+    _exit(!is_clean ? 2 : !is_named ? 3 : 0);
   }
 }
 
 TEST_P(ImageFormats, FullDiskIsAnErrorAndLeavesNothing) {
   GTEST_FLAG_SET(death_test_style, "threadsafe");  // ITK has threads, which a bare fork would lose.
   const TemporaryFolder folder;
-  EXPECT_EXIT(write_on_full_disk(folder / ("image" + GetParam())), ::testing::ExitedWithCode(0), "");
+  for (rlim_t most : {0, 100, 512})
+    EXPECT_EXIT(write_on_full_disk(folder / ("image" + GetParam()), most), ::testing::ExitedWithCode(0), "") << most;
+}
+
+TEST_P(ImageFormats, AFolderThatTakesNoFilesIsAnErrorThatNamesTheFile) {
+  const std::filesystem::path path = "/proc/self/image" + GetParam();
+  try {
+    write_volume(path, sample_volume<3>());
+    ADD_FAILURE() << "written";
+  } catch (const FileError& error) {
+    EXPECT_THAT(error.what(), ::testing::StartsWith("cannot write image" + GetParam() + ": "));
+  }
+}
+
+/// As above, by eight threads at once.
+[[noreturn]] void write_many_on_full_disk(const std::filesystem::path& folder, const std::string& suffix) {
+  signal(SIGXFSZ, SIG_IGN);
+  const rlimit limit{400, 400};
+  setrlimit(RLIMIT_FSIZE, &limit);
+  std::atomic<int> refused = 0;
+  std::vector<std::thread> threads;
+  constexpr int count = 8, each = 20;
+  for (int t = 0; t < count; ++t)
+    threads.emplace_back([&, t] {
+      for (int i = 0; i < each; ++i) try {
+          write_vector_volume(folder / ("field" + std::to_string(t) + suffix), sample_vectors<3>());
+        } catch (const FileError&) {
+          ++refused;
+        }
+    });
+  for (std::thread& thread : threads) thread.join();
+  const bool is_clean = std::filesystem::is_empty(folder);
+  std::filesystem::remove_all(folder);
+  _exit(refused == count * each && is_clean ? 0 : 2);
+}
+
+TEST_P(ImageFormats, SeveralThreadsAreAllToldOfAFullDisk) {
+  GTEST_FLAG_SET(death_test_style, "threadsafe");
+  const TemporaryFolder folder;
+  EXPECT_EXIT(write_many_on_full_disk(folder.path(), GetParam()), ::testing::ExitedWithCode(0), "");
+}
+
+TEST_P(ImageFormats, SeveralThreadsWriteAtOnce) {
+  const TemporaryFolder folder;
+  std::vector<std::thread> threads;
+  for (int t = 0; t < 8; ++t)
+    threads.emplace_back([&, t] {
+      for (int i = 0; i < 5; ++i)
+        write_vector_volume(folder / ("field" + std::to_string(t) + GetParam()), sample_vectors<3>());
+    });
+  for (std::thread& thread : threads) thread.join();
+  for (int t = 0; t < 8; ++t)
+    EXPECT_EQ(read_vector_volume<3>(folder / ("field" + std::to_string(t) + GetParam())).samples,
+              sample_vectors<3>().samples);
 }
 
 }  // namespace

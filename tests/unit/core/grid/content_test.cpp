@@ -5,6 +5,7 @@
 #include <cmath>
 #include <limits>
 
+#include "tests/support/many_threads.h"
 #include "tests/support/random_fields.h"
 
 namespace saltus {
@@ -47,6 +48,22 @@ TEST(ContentBox, OverlooksSamplesOnTheirOwn) {
   EXPECT_EQ(content_box(block, samples.data(), nullptr, 8 * kNoise), bright);
   for (std::size_t x = 0; x < 8; ++x) samples[35 * 60 * 50 + 4 * 60 + x] = 50;  // two more are enough across x
   EXPECT_EQ(content_box(block, samples.data(), nullptr, 8 * kNoise), (IndexBox<3>{{9, 4, 9}, {40, 30, 36}}));
+}
+
+// Oracle: one thread. What stands out is at the limit: a plane that were counted twice would hold the other answer.
+TEST(ContentBox, DoesNotDependOnTheNumberOfThreads) {
+  const testing::ManyThreads many;
+  const Lattice<3> block{{64, 64, 48}, {1, 1, 1}, {}};
+  std::vector<float> samples = image_of(block, IndexBox<3>{{20, 20, 20}, {40, 40, 30}});
+  for (int y = 0; y < 64; ++y)
+    for (int i = 0; i < 3; ++i) samples[static_cast<std::size_t>((i * 16 * 64 + y) * 64 + (y + i) % 64)] = 50;
+  const auto box = [&](int threads) {
+    omp_set_num_threads(threads);
+    return content_box(block, samples.data(), nullptr, 8 * kNoise);
+  };
+  const IndexBox<3> alone = box(1);
+  for (int run = 0; run < 40; ++run)
+    for (int threads : {2, 3, 7}) ASSERT_EQ(box(threads), alone) << threads;
 }
 
 TEST(ContentBox, HoldsNothingThatAMaskHides) {

@@ -9,6 +9,7 @@
 #include "core/phantom/make_phantom.h"
 #include "core/registration/register_images.h"
 #include "tests/support/analytic_scene.h"
+#include "tests/support/many_threads.h"
 #include "tests/support/phantom_pair.h"
 
 namespace saltus {
@@ -78,6 +79,51 @@ TEST(InverseConsistency, OfASmallThorax) {
   scene.size = {32, 24, 26};
   scene.spacing = {9, 9, 9};
   expect_consistent<3>(scene, Model::Sliding, 3);
+}
+
+// Oracle: the same bits. Rows of 35 voxels: two pieces of 16 and a rest.
+TEST(InverseConsistency, DoesNotDependOnTheNumberOfThreads) {
+  const testing::ManyThreads many;
+  PhantomOptions scene = default_phantom_options(PhantomKind::Thorax);
+  scene.size = {35, 24, 26};
+  scene.spacing = {9, 9, 9};
+  const Phantom<3> phantom = make_phantom<3>(scene);
+  RegistrationOptions options = default_options(Model::Gaussian, SimilarityType::Ssd, Preset::Fast);
+  const auto inverse = [&](int threads) {
+    options.threads = threads;
+    return register_images<3>(testing::pair_of(phantom), options).inverse_displacement.samples;
+  };
+  EXPECT_TRUE(inverse(1) == inverse(3));
+}
+
+// Oracle: the displacement itself. A row of one voxel, and planes.
+TEST(InverseConsistency, OfImagesThatAreThinAlongAnAxis) {
+  for (int axis = 0; axis < 3; ++axis) {
+    ImageGrid<3> grid;
+    grid.size = {20, 20, 20};
+    grid.size[axis] = 1;
+    Volume<3> fixed(grid), moving(grid);
+    std::size_t at = 0;
+    for (int z = 0; z < grid.size[2]; ++z)
+      for (int y = 0; y < grid.size[1]; ++y)
+        for (int x = 0; x < grid.size[0]; ++x, ++at) {
+          const double place = 0.4 * (axis == 0 ? y : x) + 0.1 * z;
+          fixed.samples[at] = static_cast<float>(std::sin(place));
+          moving.samples[at] = static_cast<float>(std::sin(place + 0.3));
+        }
+    RegistrationInput<3> input;
+    input.fixed = fixed;
+    input.moving = moving;
+    const RegistrationResult<3> result =
+        register_images<3>(input, default_options(Model::Gaussian, SimilarityType::Ssd, Preset::Fast));
+    EXPECT_LT(result.summary.inverse_consistency_mm, 1e-3) << axis;
+    double largest = 0;
+    for (float value : result.inverse_displacement.samples) {
+      ASSERT_TRUE(std::isfinite(value)) << axis;
+      largest = std::max(largest, std::abs(static_cast<double>(value)));
+    }
+    EXPECT_GT(largest, 0.2) << axis;
+  }
 }
 
 }  // namespace
