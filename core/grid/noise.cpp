@@ -57,8 +57,8 @@ double noise_sd(const Lattice<Dim>& lattice, const T* samples, const T* weights)
   const auto is_border = [&](int axis, int i) { return used[axis] && (i == 0 || i == lattice.size[axis] - 1); };
   const auto slabs = static_cast<std::size_t>(lattice.size[Dim - 1]);
   const std::size_t sites_of_slab = lattice.sites() / slabs;
-  constexpr float none = -1;
-  std::vector<float> sizes(lattice.sites(), none);  // of the responses
+  constexpr T none = -1;
+  std::vector<T> sizes(lattice.sites(), none);  // of the responses
 #pragma omp parallel
   {
     std::vector<double> responses(static_cast<std::size_t>(nx));
@@ -85,10 +85,10 @@ double noise_sd(const Lattice<Dim>& lattice, const T* samples, const T* weights)
         }
         for (int x = begin; x < end; ++x)
           if (varies[x] && counts[x])
-            sizes[first + static_cast<std::size_t>(x)] = static_cast<float>(std::abs(responses[x]));
+            sizes[first + static_cast<std::size_t>(x)] = static_cast<T>(std::abs(responses[x]));
       }
   }
-  const auto ranking = ranking_of_those<float>(sizes.size(), [&](std::size_t i, const auto& take) {
+  const auto ranking = ranking_of_those<T>(sizes.size(), [&](std::size_t i, const auto& take) {
     if (sizes[i] != none) take(sizes[i]);
   });
   if (ranking.count() == 0) return 0;
