@@ -18,6 +18,11 @@ constexpr int kPasses = 6;  // of means over three samples: a standard deviation
 constexpr double kLeastShare = 0.2;
 const double kAlongAxis = std::cos(6 * std::numbers::pi / 180);
 
+template <int Dim, class T>
+bool is_along_axis(const T* normal) {
+  return std::any_of(normal, normal + Dim, [](T value) { return std::abs(value) > kAlongAxis; });
+}
+
 }  // namespace
 
 template <int Dim, class T>
@@ -62,13 +67,19 @@ typename InterfaceNormals<Dim, T>::Normals InterfaceNormals<Dim, T>::on(const La
   std::size_t strong = 0, oblique = 0;
   for (std::size_t site = 0; site < strength.size(); ++site) {
     T* n = normals.data() + Dim * site;
-    const bool is_oblique = std::none_of(n, n + Dim, [](T value) { return std::abs(value) > kAlongAxis; });
     const bool is_strong = strength[site] > least;
     strong += is_strong;
-    oblique += is_strong && is_oblique;
-    if (!is_strong || !is_oblique) std::fill(n, n + Dim, T(0));
+    oblique += is_strong && !is_along_axis<Dim>(n);
+    if (!is_strong) std::fill(n, n + Dim, T(0));
   }
   return {std::move(normals), strong > 0 ? static_cast<double>(oblique) / static_cast<double>(strong) : 0.0};
+}
+
+template <int Dim, class T>
+void InterfaceNormals<Dim, T>::leave_out_axes(std::vector<T>& normals) {
+  for (std::size_t i = 0; i < normals.size(); i += Dim)
+    if (is_along_axis<Dim>(normals.data() + i))
+      std::fill_n(normals.begin() + static_cast<std::ptrdiff_t>(i), Dim, T(0));
 }
 
 template class InterfaceNormals<2, float>;

@@ -18,13 +18,14 @@ class InterfaceNormals {
 
   /// At the sites of another lattice over the same frame.
   struct Normals {
-    /// Unit normals, Dim values a site, of either sign. 0 where v changes by less than a fifth of its strongest change,
-    /// and where n is within 6 degrees of an axis: there the momenta m_i jump better, since theirs lie between the
-    /// samples.
+    /// Unit normals, Dim values a site, of either sign. 0 where v changes by less than a fifth of its strongest change.
     std::vector<T> values;
-    double oblique_share = 0;  ///< of the sites where v changes that much: those with a normal
+    double oblique_share = 0;  ///< of the sites with a normal: those where it is more than 6 degrees off every axis
   };
   Normals on(const Lattice<Dim>& lattice) const;
+  /// Makes normals that are no more than 6 degrees off an axis 0: there the momenta m_i jump better, since theirs lie
+  /// between the samples.
+  static void leave_out_axes(std::vector<T>& normals);
 
  private:
   static constexpr int kPairs = Dim * (Dim + 1) / 2;

@@ -272,8 +272,9 @@ const std::vector<Parameter>& parameters() {
           "weight of the order-1 part of the energy",
           [](O & o) -> auto& { return o.momenta.first_order_regularisation; }),
       real(
-          "sparsity", "per mm", 0, Lower::Inclusive, inf,
-          "lambda of the group L1 norm on first-order momenta, as velocities",
+          "sparsity", "per mm", -1, Lower::Inclusive, inf,
+          "lambda of the group L1 norm on first-order momenta, as velocities; -1 (and nothing else below 0): by model, "
+          "similarity and dimension",
           [](O & o) -> auto& { return o.momenta.sparsity; }),
       real(
           "sparsity_noise", "intensity range", 0, Lower::Inclusive, 1,
@@ -324,6 +325,11 @@ const std::vector<Parameter>& parameters() {
           "oblique_share", "", 0, Lower::Inclusive, 1,
           "oriented momenta begin only where so large a share of what may slide is oblique to the axes; 0: always",
           [](O & o) -> auto& { return o.momenta.oblique_share; }),
+      boolean(
+          "oriented_alone",
+          "where a scale's oriented momenta have begun and it has none along the axes, none of these appear, and the "
+          "oriented ones take interfaces along the axes as well",
+          [](O & o) -> auto& { return o.momenta.oriented_alone; }),
       boolean(
           "first_order_waits",
           "on each level let order 0 settle before first-order momenta appear, so that they are few",
@@ -461,6 +467,10 @@ std::vector<std::string> problems(const RegistrationOptions& options) {
   if (options.pyramid.levels > 0 && options.pyramid.finest_level >= options.pyramid.levels)
     found.push_back("parameter finest_level is " + std::to_string(options.pyramid.finest_level) +
                     "; it must be less than levels, which is " + std::to_string(options.pyramid.levels));
+  const double sparsity = options.momenta.sparsity;
+  if (sparsity > -1 && sparsity < 0)
+    found.push_back("parameter sparsity is " + format(sparsity) +
+                    "; below 0 it must be -1, which stands for what was measured");
   const double shear = options.momenta.first_order_shear;
   const std::string given_shear = "parameter first_order_shear is " + std::to_string(shear);
   if (shear > -1 && shear < 0)

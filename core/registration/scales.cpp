@@ -39,9 +39,16 @@ double least_shear(int dimension, SimilarityType similarity) {
   return similarity == SimilarityType::Lncc ? 10.6 : 5.5;
 }
 
+/// With auto, whose momenta of oblique interfaces are oriented, for those along the axes; measured, core/README.md,
+/// "Sparsity". A window of lncc holds fewer samples in 2-D, and more noise.
+double lncc_sparsity(int dimension, Preset preset) {
+  if (preset == Preset::Fast) return 0.2;
+  return dimension == 2 ? 0.1 : 0.025;
+}
+
 /// With lncc, beside first orders that were let in: what is sharp is theirs, and order 0 draws it out no more
 /// (core/README.md, "Regularisation").
-constexpr double kStifferBesideFirst = 3;
+constexpr double kStifferBesideFirst = 10;
 
 }  // namespace
 
@@ -94,6 +101,10 @@ RegistrationOptions resolved(const RegistrationOptions& options, const Lattice<D
                                    ? (Dim == 2 ? 3e-6 : 1e-6)
                                    : default_options(o.model, o.similarity, o.preset).momenta.regularisation;
   if (o.momenta.first_order_finest_scale < 0) o.momenta.first_order_finest_scale = finest;
+  if (o.momenta.sparsity < 0)
+    o.momenta.sparsity = o.model == Model::Auto && o.similarity == SimilarityType::Lncc
+                             ? lncc_sparsity(Dim, o.preset)
+                             : default_options(o.model, o.similarity, o.preset).momenta.sparsity;
   if (o.momenta.first_order_shear < 0) {  // without sparsity they cannot be left out
     const bool may_be_left_out = o.momenta.first_order_scales > 0 && o.momenta.sparsity > 0;
     o.momenta.first_order_shear = may_be_left_out ? least_shear(Dim, o.similarity) : 0;

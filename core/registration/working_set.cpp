@@ -186,8 +186,22 @@ std::vector<MomentumPointers<T>> WorkingSet<Dim, T>::evaluated(const std::vector
 template <int Dim, class T>
 ActiveBlocks<Dim> WorkingSet<Dim, T>::blocks() const {
   ActiveBlocks<Dim> blocks{axis_blocks(), axis_blocks()};
-  if (looks_everywhere_) blocks.wanted.assign(scales_.size(), {});
+  for (std::size_t s = 0; s < scales_.size(); ++s)
+    if (looks_at_blocks(s)) blocks.wanted[s] = {};
   return blocks;
+}
+
+/// Whether a scale has oriented momenta that are turned, or are there.
+template <int Dim, class T>
+bool WorkingSet<Dim, T>::has_elements(std::size_t scale) const {
+  const Oriented& oriented = oriented_[scale];
+  return oriented.momenta && (!oriented.momenta->turned().empty() || !oriented.active.empty());
+}
+
+/// Whether an evaluation shows where blocks of a scale that are not active want to be.
+template <int Dim, class T>
+bool WorkingSet<Dim, T>::looks_at_blocks(std::size_t scale) const {
+  return looks_everywhere_ && !(elements_stand_alone_ && has_elements(scale) && has_no_blocks(first_[scale]));
 }
 
 template <int Dim, class T>
@@ -332,9 +346,12 @@ void WorkingSet<Dim, T>::turn(const InterfaceNormals<Dim, T>& interface) {
     has_elements = has_elements || !oriented_[s].active.empty();
   }
   const bool turns = has_elements || oblique_share_ >= least_oblique_share_;
-  for (std::size_t s = 0; s < oriented_.size(); ++s)
-    if (oriented_[s].momenta)
-      oriented_[s].momenta->turn(turns ? std::move(found[s].values) : std::vector<T>(), oriented_[s].active);
+  for (std::size_t s = 0; s < oriented_.size(); ++s) {
+    if (!oriented_[s].momenta) continue;
+    std::vector<T> normals = turns ? std::move(found[s].values) : std::vector<T>();
+    if (!(elements_stand_alone_ && has_no_blocks(first_[s]))) InterfaceNormals<Dim, T>::leave_out_axes(normals);
+    oriented_[s].momenta->turn(std::move(normals), oriented_[s].active);
+  }
 }
 
 template <int Dim, class T>

@@ -89,6 +89,9 @@ class WorkingSet {
   /// Elements begin only where at least this share of the interface is oblique: along axes the m_i are better. 0 unless
   /// said.
   void want_oblique(double share) { least_oblique_share_ = share; }
+  /// Where a scale's elements have begun and none of its blocks is active, none joins, and elements take what lies
+  /// along the axes as well: what the m_i would fit there is mostly noise.
+  void let_elements_stand_alone() { elements_stand_alone_ = true; }
   /// The largest oblique share of a scale at the last `turn`, see InterfaceNormals; 0 before.
   double oblique_share() const { return oblique_share_; }
   /// The normals of `turn` and the elements that have them, by scale, and putting both back. Throws InvalidInput when
@@ -149,6 +152,7 @@ class WorkingSet {
   void lay_out();
   void gather_factors();
   bool has_elements(std::size_t scale) const;
+  bool looks_at_blocks(std::size_t scale) const;
   std::vector<std::vector<float>> sizes_of(std::size_t scale, const std::vector<T>& x) const;
   std::vector<std::vector<float>> reweighted(std::size_t scale, const std::vector<T>& x) const;
   void list_candidates(std::size_t scale, const std::vector<T>& x);
@@ -186,6 +190,7 @@ class WorkingSet {
   double kept_out_share_ = 0;
   bool shear_only_ = false;
   bool lets_blocks_join_ = true, looks_everywhere_ = true;
+  bool elements_stand_alone_ = false;
 };
 
 }  // namespace saltus

@@ -158,6 +158,7 @@ bool WorkingSet<Dim, T>::wanted_blocks(MinimiserState<T>& state, std::vector<std
   bool is_full = false;
   for (std::size_t s = 0; s < scales_.size(); ++s) {
     const FirstOrder& first = first_[s];
+    const bool looks = looks_at_blocks(s);
     std::size_t there = 0, stay = 0, join = 0;  // of this scale
     for (int field = 0; field < first.fields; ++field) {
       const std::size_t r = first.range + field;
@@ -173,7 +174,7 @@ bool WorkingSet<Dim, T>::wanted_blocks(MinimiserState<T>& state, std::vector<std
       for (std::uint32_t block : blocks.active()) is_active[block] = 1;
 #pragma omp parallel for schedule(static)
       for (std::size_t block = 0; block < count; ++block)
-        if (!needed[block] && (looks_everywhere_ || is_active[block]))
+        if (!needed[block] && (looks || is_active[block]))
           needed[block] = blocks.any_site(block, [&](std::size_t site) { return pull_at(r, site, gradient) > 1; });
       const auto all = static_cast<std::size_t>(std::count(needed.begin(), needed.end(), 1));
       std::size_t staying = 0;

@@ -41,13 +41,6 @@ Lists carried(const Lattice<Dim>& from, const Lists& lists, const Lattice<Dim>& 
 
 }  // namespace
 
-/// Whether a scale has oriented momenta that are turned, or are there.
-template <int Dim, class T>
-bool WorkingSet<Dim, T>::has_elements(std::size_t scale) const {
-  const Oriented& oriented = oriented_[scale];
-  return oriented.momenta && (!oriented.momenta->turned().empty() || !oriented.active.empty());
-}
-
 /// Of the first orders of a scale at all sites: |m_i| by field, then, where it has elements, |m| by normal.
 template <int Dim, class T>
 std::vector<std::vector<float>> WorkingSet<Dim, T>::sizes_of(std::size_t scale, const std::vector<T>& x) const {

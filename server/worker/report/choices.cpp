@@ -59,6 +59,8 @@ std::string measured_from(const std::string& name, const ReportInput<Dim>& input
     return input.options->similarity == SimilarityType::Lncc
                ? "from the model and the similarity: what is sharp is left to first orders"
                : "from the fixed image's contrast, which is low (full_contrast), and the noise";
+  if (name == "sparsity" && input.options->momenta.sparsity < 0)
+    return "from the model, the similarity, the dimension and the noise on the finest level (sparsity_noise)";
   if (name == "sparsity")
     return input.options->momenta.sparsity_noise > 0
                ? "from the noise on the finest level (sparsity_noise)"

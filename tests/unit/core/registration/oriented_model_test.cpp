@@ -26,7 +26,7 @@ namespace {
 
 // A smooth step across a tilted plane.
 template <int Dim>
-void expect_the_normal_of_a_step(const Vector<Dim>& normal, bool is_found) {
+void expect_the_normal_of_a_step(const Vector<Dim>& normal, bool is_oblique, bool leaves_out) {
   Lattice<Dim> lattice;
   lattice.size.fill(Dim == 2 ? 40 : 24);
   const double spacing[3] = {1.0, 1.5, 2.0};
@@ -44,9 +44,11 @@ void expect_the_normal_of_a_step(const Vector<Dim>& normal, bool is_found) {
     visit_slab<Dim>(lattice, slab, [&](const Index<Dim>& index, std::size_t site) {
       for (int c = 0; c < Dim; ++c) velocity[Dim * site + c] = std::tanh(distance(index) / 2) * jump[c];
     });
-  const auto found = InterfaceNormals<Dim, double>(lattice, velocity).on(lattice);
-  const std::vector<double>& normals = found.values;
-  EXPECT_NEAR(found.oblique_share, is_found ? 1 : 0, 0.1);
+  auto found = InterfaceNormals<Dim, double>(lattice, velocity).on(lattice);
+  std::vector<double>& normals = found.values;
+  EXPECT_NEAR(found.oblique_share, is_oblique ? 1 : 0, 0.1);
+  if (leaves_out) InterfaceNormals<Dim, double>::leave_out_axes(normals);
+  const bool is_found = is_oblique || !leaves_out;
   int near = 0, far = 0;
   for (int slab = 0; slab < lattice.size[Dim - 1]; ++slab)
     visit_slab<Dim>(lattice, slab, [&](const Index<Dim>& index, std::size_t site) {
@@ -70,14 +72,16 @@ void expect_the_normal_of_a_step(const Vector<Dim>& normal, bool is_found) {
 TEST(InterfaceNormals, AreThoseOfAStep) {
   for (double degrees : {20.0, 45.0, 100.0}) {
     const double angle = degrees * std::numbers::pi / 180;
-    expect_the_normal_of_a_step<2>({std::cos(angle), std::sin(angle)}, true);
+    for (bool leaves_out : {true, false})
+      expect_the_normal_of_a_step<2>({std::cos(angle), std::sin(angle)}, true, leaves_out);
   }
-  expect_the_normal_of_a_step<3>(Vector<3>(1, 2, -2) / 3, true);
+  expect_the_normal_of_a_step<3>(Vector<3>(1, 2, -2) / 3, true, true);
+  expect_the_normal_of_a_step<2>({0, 1}, false, false);
 }
 
 TEST(InterfaceNormals, LeaveTheAxesToThemselves) {
-  expect_the_normal_of_a_step<2>({0, 1}, false);
-  expect_the_normal_of_a_step<3>({0, 0, 1}, false);
+  expect_the_normal_of_a_step<2>({0, 1}, false, true);
+  expect_the_normal_of_a_step<3>({0, 0, 1}, false, true);
 }
 
 TEST(InterfaceNormals, AreNoneWhereNothingMoves) {
@@ -264,6 +268,42 @@ TEST(OrientedModel, LetsJoinWhatPullsHarderThanItsWeight) {
   }
   EXPECT_GT(pulling, 10u);
   EXPECT_GT(content, 10u);
+}
+
+// Where elements have begun and no block is active, none joins, however hard it pulls, and normals along the axes have
+// elements as well. Where blocks are active, all is as it is without being said.
+TEST(OrientedModel, StandsAloneWhereNoBlockIsActive) {
+  const SettledSlip settled;
+  struct Found {
+    std::size_t blocks = 0, along_axes = 0;
+  };
+  const auto look = [&](bool is_alone, bool begins_with_blocks) {
+    auto objective = settled.make();
+    if (is_alone) objective.working_set().let_elements_stand_alone();
+    std::vector<double> x(settled.x);
+    settled.begin(objective);
+    if (begins_with_blocks) {  // those that join before it is said
+      auto before = settled.make();
+      settled.begin(before);
+      x = settled.look(before, x).x;
+      objective.working_set().set_active_blocks(before.working_set().active_blocks());
+      objective.working_set().set_active_elements(before.working_set().active_elements());
+      objective.weigh({}, x);
+    }
+    settled.look(objective, x);
+    Found found;
+    for (const auto& list : objective.working_set().active_blocks()) found.blocks += list.size();
+    for (const std::vector<float>& normals : objective.working_set().turned_normals())
+      for (float component : normals) found.along_axes += std::abs(component) > 0.999f;
+    return found;
+  };
+  const Found beside = look(false, false), alone = look(true, false), with_blocks = look(true, true);
+  EXPECT_GT(beside.blocks, 10u);
+  EXPECT_EQ(beside.along_axes, 0u);
+  EXPECT_EQ(alone.blocks, 0u);
+  EXPECT_GT(alone.along_axes, 0u);
+  EXPECT_GE(with_blocks.blocks, beside.blocks);
+  EXPECT_EQ(with_blocks.along_axes, 0u);
 }
 
 // Where one is active, what lies beside it across the interface joins only if it pulls 2.5 times its weight.

@@ -1,5 +1,6 @@
 #include "core/registration/scales.h"
 
+#include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
 #include "core/grid/noise.h"
@@ -46,6 +47,29 @@ TEST(ResolvedOptions, LetAccurateSeeFinerImagesWithTheSameKernels) {
   EXPECT_EQ(resolved(asked, block(1)).momenta.finest_scale, 0);
 }
 
+TEST(ResolvedOptions, HoldFirstOrdersBackAsWasMeasured) {
+  const auto sparsity = [](const RegistrationOptions& options, const auto& image) {
+    return resolved(options, image).momenta.sparsity;
+  };
+  EXPECT_EQ(sparsity(automatic(SimilarityType::Lncc), plane(1)), 0.1);
+  EXPECT_EQ(sparsity(automatic(SimilarityType::Lncc), block(2)), 0.025);
+  EXPECT_EQ(sparsity(automatic(SimilarityType::Lncc, Preset::Fast), plane(1)), 0.2);
+  EXPECT_EQ(sparsity(automatic(SimilarityType::Lncc, Preset::Fast), block(2)), 0.2);
+  RegistrationOptions asked = automatic(SimilarityType::Lncc);
+  asked.momenta.sparsity = 0.07;
+  EXPECT_EQ(sparsity(asked, plane(1)), 0.07);
+  for (SimilarityType similarity : all_similarities()) {
+    RegistrationOptions sliding = default_options(Model::Sliding, similarity, Preset::Balanced);
+    const double usual = sparsity(sliding, plane(1));
+    EXPECT_GT(usual, 0);
+    sliding.momenta.sparsity = -1;
+    EXPECT_TRUE(problems(sliding).empty());
+    EXPECT_EQ(sparsity(sliding, plane(1)), usual);
+    sliding.momenta.sparsity = -0.5;
+    EXPECT_THAT(problems(sliding), ::testing::ElementsAre(::testing::HasSubstr("parameter sparsity is -0.5")));
+  }
+}
+
 TEST(ResolvedOptions, AskOfFirstOrdersWhatWasMeasured) {
   const auto asked_of = [](SimilarityType similarity, const auto& image) {
     return resolved(automatic(similarity), image).momenta.first_order_shear;
@@ -63,7 +87,7 @@ TEST(ResolvedOptions, AskOfFirstOrdersWhatWasMeasured) {
 TEST(ResolvedOptions, HoldOrderZeroMoreBesideFirstOrdersThatWereLetIn) {
   RegistrationOptions asked = automatic(SimilarityType::Lncc);
   asked.momenta.regularisation = 3e-4;
-  EXPECT_DOUBLE_EQ(resolved(asked, plane(1)).momenta.regularisation_beside_first, 9e-4);
+  EXPECT_DOUBLE_EQ(resolved(asked, plane(1)).momenta.regularisation_beside_first, 3e-3);
   asked.momenta.regularisation_beside_first = 5e-4;
   EXPECT_EQ(resolved(asked, plane(1)).momenta.regularisation_beside_first, 5e-4);
   for (Model model : {Model::Sliding, Model::Wendland1}) {
@@ -128,7 +152,7 @@ TEST(ResolvedOptions, FollowNoContrastWhereItIsSaidOtherwise) {
   const double sparsity = asked.momenta.sparsity;
   asked.momenta.full_contrast = 0;
   EXPECT_EQ(resolved(asked, block(1), {0, 0.01}).momenta.sparsity, sparsity);
-  RegistrationOptions other = automatic(SimilarityType::Lncc);
+  RegistrationOptions other = default_options(Model::Sliding, SimilarityType::Lncc, Preset::Balanced);
   other.momenta.full_contrast = 0.04;
   other.momenta.sparsity_noise = 0;
   EXPECT_EQ(resolved(other, block(1), {0, 0.01}).momenta.sparsity, other.momenta.sparsity);

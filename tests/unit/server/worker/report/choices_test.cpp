@@ -68,13 +68,15 @@ TEST(Choices, TellTheWidthsThatTheJobSet) {
       Lines{"5:1 (set by the job; the default is none)"});
 }
 
-// lncc doubles its weight of 0.05 at noise of 4 %; ssd's does not follow the noise.
+// lncc doubles its weight, 0.025 in 3-D, at noise of 4 %; ssd's does not follow the noise.
 TEST(Choices, TellTheSparsityThatNoiseMakes) {
   const std::string from_noise = " (from the noise on the finest level (sparsity_noise))";
-  EXPECT_EQ(said_of("sparsity", Model::Auto, SimilarityType::Lncc), Lines{"0.06875" + from_noise});
+  const std::string from_all =
+      " (from the model, the similarity, the dimension and the noise on the finest level (sparsity_noise))";
+  EXPECT_EQ(said_of("sparsity", Model::Auto, SimilarityType::Lncc), Lines{"0.034375" + from_all});
   EXPECT_THAT(said_of("sparsity in use", Model::Auto, SimilarityType::Lncc), IsEmpty());
   EXPECT_EQ(said_of("sparsity", Model::Auto, SimilarityType::Lncc, {{"sparsity", "0.1"}}),
-            Lines{"0.1 (set by the job; the default is 0.05)"});
+            Lines{"0.1 (set by the job; the default is -1)"});
   EXPECT_EQ(said_of("sparsity in use", Model::Auto, SimilarityType::Lncc, {{"sparsity", "0.1"}}),
             Lines{"0.1375" + from_noise});
   EXPECT_EQ(said_of("sparsity_noise", Model::Auto, SimilarityType::Lncc, {{"sparsity_noise", "0.06"}}),
@@ -82,7 +84,7 @@ TEST(Choices, TellTheSparsityThatNoiseMakes) {
   EXPECT_THAT(said_of("sparsity_noise in use", Model::Auto, SimilarityType::Lncc, {{"sparsity_noise", "0.06"}}),
               IsEmpty());
   EXPECT_EQ(said_of("sparsity", Model::Auto, SimilarityType::Lncc, {{"sparsity_noise", "0.06"}}),
-            Lines{"0.0625" + from_noise});
+            Lines{"0.03125" + from_all});
   for (const char* name : {"sparsity", "sparsity in use", "sparsity_noise"})
     EXPECT_THAT(said_of(name, Model::Auto, SimilarityType::Ssd), IsEmpty()) << name;
   EXPECT_THAT(said_of("sparsity_noise", Model::Auto, SimilarityType::Lncc), IsEmpty());
