@@ -93,7 +93,7 @@ RegistrationOptions default_options(Model model, SimilarityType similarity, Pres
     case SimilarityType::Ncc:
       o.momenta.regularisation = 2e-4;
       o.momenta.first_order_regularisation = 6e-5;
-      o.momenta.sparsity = 8e-3;
+      o.momenta.sparsity = 4e-3;
       o.flow.divergence_weight = 0.1;
       break;
     case SimilarityType::Mi:  // of a normal pair -log(1 - c^2) / 2, the steeper the better the images fit
@@ -160,10 +160,12 @@ RegistrationOptions default_options(Model model, SimilarityType similarity, Pres
     }
     if (preset == Preset::Fast) {  // first orders cost more than order 0: only the strongest jumps
       o.optimisation.max_iterations = 30;
-      o.momenta.sparsity *= similarity == SimilarityType::Ncc ? 2 : 4;
+      o.momenta.sparsity *= 4;
     }
   }
   if (model == Model::Auto) {
+    // What is oblique has momenta of its own (core/README.md, "Sparsity").
+    if (similarity == SimilarityType::Ncc && preset != Preset::Fast) o.momenta.sparsity *= 2;
     if (similarity == SimilarityType::Lncc) o.momenta.sparsity = -1;
     // Of ncc and mi, which are statistics of all that is compared, it would change the weight.
     if (similarity != SimilarityType::Ncc && similarity != SimilarityType::Mi) o.pyramid.region_margin = 4;

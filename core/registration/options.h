@@ -58,7 +58,7 @@ struct RegistrationOptions {
     int first_order_scales = 0;                ///< number of order-1 scales; 0 leaves order 1 out
     int first_order_finest_scale = -1;         ///< as finest_scale, for order 1 (-1 or more)
     double first_order_regularisation = 0.01;  ///< weight of 1/2 ||v_i||^2, per mm^2
-    double sparsity = 0;  ///< lambda of the group L1 on a_1 m_i (a velocity), per mm; -1: by similarity and dimension
+    double sparsity = 0;        ///< lambda of the group L1 on a_1 m_i (a velocity), per mm; -1: as was measured
     double sparsity_noise = 0;  ///< lambda is `sparsity` times 1 + (noise of the finest level's images) / this; 0: it
                                 ///< does not follow the noise
     double full_contrast = 0;   ///< of rms_gradient, intensity range a voxel of the finest level: with ssd, where an
@@ -74,7 +74,7 @@ struct RegistrationOptions {
     int orientations = 0;            ///< normals that oriented momenta are turned from; 0: there are none of these; -1:
                                      ///< 8 in 2-D and 9 in 3-D, none where there can be none
     double oblique_share = 0;        ///< of an interface must be oblique for oriented momenta to begin
-    bool oriented_alone = false;     ///< a scale with oriented momenta and none along the axes gets none of these
+    bool oriented_alone = false;     ///< no momenta along the axes join a scale that has turned ones and none of these
     double oriented_sparsity = 0.4;  ///< lambda of oriented momenta, as a share of `sparsity`
     bool first_order_waits = false;  ///< on each level order 0 settles before first-order momenta appear
     /// So many blocks of a scale's first-order fields are active at most, where they are sparse, as a share of those

@@ -274,7 +274,7 @@ const std::vector<Parameter>& parameters() {
       real(
           "sparsity", "per mm", -1, Lower::Inclusive, inf,
           "lambda of the group L1 norm on first-order momenta, as velocities; -1 (and nothing else below 0): by model, "
-          "similarity and dimension",
+          "similarity, preset and dimension",
           [](O & o) -> auto& { return o.momenta.sparsity; }),
       real(
           "sparsity_noise", "intensity range", 0, Lower::Inclusive, 1,
@@ -327,8 +327,8 @@ const std::vector<Parameter>& parameters() {
           [](O & o) -> auto& { return o.momenta.oblique_share; }),
       boolean(
           "oriented_alone",
-          "where a scale's oriented momenta have begun and it has none along the axes, none of these appear, and the "
-          "oriented ones take interfaces along the axes as well",
+          "where a scale's oriented momenta have been turned to an interface and it has none along the axes, none of "
+          "these appear, and the oriented ones take interfaces along the axes as well",
           [](O & o) -> auto& { return o.momenta.oriented_alone; }),
       boolean(
           "first_order_waits",

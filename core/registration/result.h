@@ -82,7 +82,7 @@ struct RegistrationSummary {
   double cpu_seconds = 0;
   double hamiltonian_drift =
       0;  ///< max |H(t) - H(0)| / H(0) along the geodesic; -1: several kernels, H is no invariant
-  double active_first_order_share = 0;  ///< share of first-order sites with a non-zero momentum
+  double active_first_order_share = 0;  ///< of first-order sites, with a non-zero momentum along an axis
   double inverse_consistency_mm = 0;    ///< median |psi(phi(y)) - y|
   double min_jacobian = 0;
   double share_jacobian_not_positive = 0;

@@ -32,10 +32,10 @@ std::size_t most_active_blocks(const Lattice<Dim>& image, double share) {
 ///
 /// With sparsity, `revise` keeps the blocks to what can be other than 0: a block joins as soon as one of its groups is
 /// seen with a gradient above its weight (the optimality condition of a group at 0), so that a minimum over the active
-/// blocks is one over all; blocks that are 0 and want to stay so leave when they are a quarter of the active ones.
-/// Without sparsity all blocks are active. With `bound_active` so many are active at most, and the minimum is one over
-/// these: where more want to join, blocks that want to be 0 leave at once, and of the others those join whose strongest
-/// group pulls most, as a multiple of its weight.
+/// blocks is one over all (not where elements stand alone); blocks that are 0 and want to stay so leave when they are a
+/// quarter of the active ones. Without sparsity all blocks are active. With `bound_active` so many are active at most,
+/// and the minimum is one over these: where more want to join, blocks that want to be 0 leave at once, and of the
+/// others those join whose strongest group pulls most, as a multiple of its weight.
 ///
 /// After a scale's order-1 fields lie its oriented momenta (oriented_momenta.h), those of the active elements only.
 /// Elements join and leave like blocks, one by one, and leave as well when blocks or others of them change. Those that
@@ -89,8 +89,8 @@ class WorkingSet {
   /// Elements begin only where at least this share of the interface is oblique: along axes the m_i are better. 0 unless
   /// said.
   void want_oblique(double share) { least_oblique_share_ = share; }
-  /// Where a scale's elements have begun and none of its blocks is active, none joins, and elements take what lies
-  /// along the axes as well: what the m_i would fit there is mostly noise.
+  /// Where a scale's elements have been turned and none of its blocks is active, none joins: what the m_i would fit
+  /// there is mostly noise. If none is active when elements are turned, they take what lies along the axes as well.
   void let_elements_stand_alone() { elements_stand_alone_ = true; }
   /// The largest oblique share of a scale at the last `turn`, see InterfaceNormals; 0 before.
   double oblique_share() const { return oblique_share_; }
@@ -121,7 +121,7 @@ class WorkingSet {
   std::vector<MomentumTargets<T>> dense_targets(std::vector<T>& preconditioned) const;
   std::size_t dense_size() const;
   /// Whether any first-order momentum along an axis, where all are 0, is pulled harder than its weight: by the gradient
-  /// of an evaluation that looked everywhere. Not asked for scales with directions.
+  /// of an evaluation that looked everywhere. Not asked for scales with directions or oriented momenta.
   bool would_join(std::vector<T>& gradient);
 
  private:

@@ -32,6 +32,18 @@ ScalesOfOneWidth scales_of_one_width(const RegistrationOptions& resolved) {
   return {zeroth, may_have_first_order_alone(resolved) ? momenta.first_order_kernel_widths.empty() : zeroth};
 }
 
+std::string where_sparsity_is_from(const RegistrationOptions& asked) {
+  const bool is_chosen = asked.momenta.sparsity < 0;
+  std::string from;
+  const auto add = [&](const std::string& cause) { from += (from.empty() ? "from " : "; ") + cause; };
+  if (is_chosen) add("the model, the similarity, the preset and the dimension");
+  if (asked.momenta.sparsity_noise > 0) add("the noise on the finest level (sparsity_noise)");
+  if (asked.momenta.full_contrast > 0 && asked.similarity == SimilarityType::Ssd)
+    add(is_chosen ? "the fixed image's contrast, where that is low (full_contrast), and the noise"
+                  : "the fixed image's contrast, which is low (full_contrast), and the noise");
+  return from;
+}
+
 template <int Dim>
 std::string measured_from(const std::string& name, const ReportInput<Dim>& input) {
   const ImageGrid<Dim>& grid = input.input->fixed.grid;
@@ -59,12 +71,7 @@ std::string measured_from(const std::string& name, const ReportInput<Dim>& input
     return input.options->similarity == SimilarityType::Lncc
                ? "from the model and the similarity: what is sharp is left to first orders"
                : "from the fixed image's contrast, which is low (full_contrast), and the noise";
-  if (name == "sparsity" && input.options->momenta.sparsity < 0)
-    return "from the model, the similarity, the dimension and the noise on the finest level (sparsity_noise)";
-  if (name == "sparsity")
-    return input.options->momenta.sparsity_noise > 0
-               ? "from the noise on the finest level (sparsity_noise)"
-               : "from the fixed image's contrast, which is low (full_contrast), and the noise";
+  if (name == "sparsity") return where_sparsity_is_from(*input.options);
   return "from the levels";
 }
 

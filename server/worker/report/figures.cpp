@@ -281,7 +281,7 @@ class Figures {
     std::string html =
         "<h3>Initial momenta</h3><p>Length of the momentum vectors; bright is large, the image shows through where "
         "there is none. Order 0 moves smoothly; a first-order momentum along an axis lets the velocity jump across "
-        "planes that the axis is normal to.</p>";
+        "planes that the axis is normal to, an oriented one across the plane that it is turned to.</p>";
     std::vector<std::string> figures;
     std::string empty;
     for (std::size_t i = 0; i < momenta.size(); ++i) {

@@ -75,15 +75,26 @@ std::string cards(const ReportInput<Dim>& input, const Analysis<Dim>& analysis) 
            (summary.inverse_consistency_mm < 0.001 ? "< 0.001" : number(summary.inverse_consistency_mm)) + " mm",
            summary.hamiltonian_drift >= 0 ? "median; drift of the Hamiltonian " + percentage(summary.hamiltonian_drift)
                                           : "median over the moving image");
-  if (analysis.may_slide)
+  const int oriented = summary.levels.empty() ? 0 : summary.levels.back().oriented_elements;
+  if (analysis.may_slide && summary.active_first_order_share > 0)
     html += card("Active first-order sites", percentage(summary.active_first_order_share),
-                 "share of the sites whose momentum is not zero");
+                 "share of the sites whose momentum along an axis is not zero" +
+                     (oriented > 0 ? ", beside " + std::to_string(oriented) + " oriented momenta" : ""));
+  else if (analysis.may_slide)
+    html += card("Oriented momenta", std::to_string(oriented), "turned to the interface; none along the axes");
   html += card("Time", number(summary.seconds) + " s",
                number(summary.cpu_seconds) + " s of CPU, " + to_string(summary.termination));
   if (input.peak_memory_bytes > 0)
     html += card("Memory, peak", number(static_cast<double>(input.peak_memory_bytes) / (1 << 20)) + " MiB",
                  "of the worker");
   return html + "</div>\n";
+}
+
+/// Blocks of momenta along the axes, and oriented momenta.
+std::string active_momenta(const LevelSummary& level) {
+  const std::string blocks = percentage(level.active_block_share);
+  if (level.oriented_elements == 0) return blocks + " of the blocks";
+  return blocks + " of the blocks, " + std::to_string(level.oriented_elements) + " oriented";
 }
 
 std::string convergence_section(const RegistrationSummary& summary) {
@@ -111,11 +122,12 @@ std::string convergence_section(const RegistrationSummary& summary) {
     rows.push_back({std::to_string(level.level), level.grid, number(level.spacing_mm), std::to_string(level.iterations),
                     std::to_string(level.evaluations), number(level.energy_before, 4), number(level.energy_after, 4),
                     number(level.optimality, 2), number(level.smoothing_voxels, 2), number(level.similarity_weight),
-                    percentage(level.active_block_share), to_string(level.termination), number(level.seconds),
+                    active_momenta(level), to_string(level.termination), number(level.seconds),
                     number(level.cpu_seconds)});
-  html += table({"level", "grid", "spacing [mm]", "iterations", "evaluations", "energy before", "energy after",
-                 "gradient left", "smoothing [voxels]", "weight", "active blocks", "ended", "seconds", "CPU seconds"},
-                rows);
+  html +=
+      table({"level", "grid", "spacing [mm]", "iterations", "evaluations", "energy before", "energy after",
+             "gradient left", "smoothing [voxels]", "weight", "active first orders", "ended", "seconds", "CPU seconds"},
+            rows);
   return html + "</section>\n";
 }
 

@@ -58,6 +58,11 @@ TEST(ResolvedOptions, HoldFirstOrdersBackAsWasMeasured) {
   RegistrationOptions asked = automatic(SimilarityType::Lncc);
   asked.momenta.sparsity = 0.07;
   EXPECT_EQ(sparsity(asked, plane(1)), 0.07);
+  const auto of_sliding = [&](Preset preset) {
+    return sparsity(default_options(Model::Sliding, SimilarityType::Ncc, preset), plane(1));
+  };
+  EXPECT_EQ(sparsity(automatic(SimilarityType::Ncc), plane(1)), 2 * of_sliding(Preset::Balanced));
+  EXPECT_EQ(sparsity(automatic(SimilarityType::Ncc, Preset::Fast), plane(1)), of_sliding(Preset::Fast));
   for (SimilarityType similarity : all_similarities()) {
     RegistrationOptions sliding = default_options(Model::Sliding, similarity, Preset::Balanced);
     const double usual = sparsity(sliding, plane(1));
