@@ -16,6 +16,7 @@ namespace {
 using Clock = std::chrono::steady_clock;
 
 constexpr std::chrono::milliseconds longest_heartbeat_interval{500};
+/// Of a heartbeat; a third of the lease where that is shorter, so that one without an answer does not cost the lease.
 constexpr std::chrono::milliseconds heartbeat_deadline{5000};
 // Before the lease is held its length is not known; a daemon that has just started a worker is there.
 constexpr std::chrono::milliseconds acquire_patience{10000};
@@ -115,7 +116,7 @@ void Lease::beat() {
   request.mutable_progress()->set_memory_bytes(use.memory_bytes);
   request.mutable_progress()->set_cpu_seconds(use.cpu_seconds);
   grpc::ClientContext context;
-  context.set_deadline(std::chrono::system_clock::now() + std::min(heartbeat_deadline, duration()));
+  context.set_deadline(std::chrono::system_clock::now() + std::min(heartbeat_deadline, duration() / 3));
   v1::HeartbeatResponse response;
   const grpc::Status status = stub_->Heartbeat(&context, request, &response);
   if (status.ok()) {

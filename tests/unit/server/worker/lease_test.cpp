@@ -33,7 +33,7 @@ class FakeWorkers : public v1::WorkerService::Service {
     }
   }
   std::vector<v1::CompleteJobRequest> outcomes;
-  int refused_completions = 0;
+  int refused_completions = 0, unanswered_heartbeats = 0;
 
   grpc::Status AcquireLease(grpc::ServerContext*, const v1::AcquireLeaseRequest* request,
                             v1::AcquireLeaseResponse* response) override {
@@ -44,9 +44,14 @@ class FakeWorkers : public v1::WorkerService::Service {
     response->set_heartbeat_interval_seconds(0.02);
     return grpc::Status::OK;
   }
-  grpc::Status Heartbeat(grpc::ServerContext*, const v1::HeartbeatRequest* request,
+  grpc::Status Heartbeat(grpc::ServerContext* context, const v1::HeartbeatRequest* request,
                          v1::HeartbeatResponse* response) override {
-    std::lock_guard lock(mutex_);
+    std::unique_lock lock(mutex_);
+    if (unanswered_heartbeats > 0) {  // until the worker gives up
+      --unanswered_heartbeats;
+      while (!changed_.wait_for(lock, std::chrono::milliseconds(10), [&] { return context->IsCancelled(); })) continue;
+      return grpc::Status::CANCELLED;
+    }
     heartbeats_.push_back(*request);
     changed_.notify_all();
     response->set_command(command_);
@@ -131,6 +136,14 @@ TEST_F(LeaseTest, IsLostWhenTheDaemonAborts) {
                                   grpc::Status(grpc::StatusCode::ABORTED, "another attempt runs"));
             }),
             StopReason::LeaseLost);
+}
+
+TEST_F(LeaseTest, OutlivesAHeartbeatThatIsNotAnswered) {
+  service.lease_seconds = 3;
+  service.unanswered_heartbeats = 1;
+  Lease lease(identity(), [](Lease&) {});
+  service.wait_for_heartbeat([](const v1::HeartbeatRequest&) { return true; });
+  EXPECT_EQ(lease.stop_reason(), StopReason::None);
 }
 
 TEST_F(LeaseTest, EndsWhenTheDaemonStaysAwayForItsLength) {
