@@ -74,7 +74,8 @@ struct RegistrationOptions {
     int orientations = 0;            ///< normals that oriented momenta are turned from; 0: there are none of these; -1:
                                      ///< 8 in 2-D and 9 in 3-D, none where there can be none
     double oblique_share = 0;        ///< of an interface must be oblique for oriented momenta to begin
-    bool oriented_alone = false;     ///< no momenta along the axes join a scale that has turned ones and none of these
+    int oriented_alone = 0;          ///< 1: no momenta along the axes join a scale that has turned ones and none of
+                                     ///< these; -1: so where the fixed image has full contrast, see full_contrast
     double oriented_sparsity = 0.4;  ///< lambda of oriented momenta, as a share of `sparsity`
     bool first_order_waits = false;  ///< on each level order 0 settles before first-order momenta appear
     /// So many blocks of a scale's first-order fields are active at most, where they are sparse, as a share of those

@@ -325,10 +325,12 @@ const std::vector<Parameter>& parameters() {
           "oblique_share", "", 0, Lower::Inclusive, 1,
           "oriented momenta begin only where so large a share of what may slide is oblique to the axes; 0: always",
           [](O & o) -> auto& { return o.momenta.oblique_share; }),
-      boolean(
-          "oriented_alone",
-          "where a scale's oriented momenta have been turned to an interface and it has none along the axes, none of "
-          "these appear, and the oriented ones take interfaces along the axes as well",
+      integer(
+          "oriented_alone", "", -1, 1,
+          "1: where a scale's oriented momenta have been turned to an interface and it has none along the axes, none "
+          "of "
+          "these appear, and the oriented ones take interfaces along the axes as well; 0: both may; -1: 1, but 0 where "
+          "full_contrast says that the fixed image has little",
           [](O & o) -> auto& { return o.momenta.oriented_alone; }),
       boolean(
           "first_order_waits",

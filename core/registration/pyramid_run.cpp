@@ -219,7 +219,7 @@ void PyramidRun<Dim>::make_objective(const SparsityRound& round) {
       options_.momenta.sparsity, flow, options_.momenta.oriented_sparsity);
   if (options_.momenta.shear_only) objective_->working_set().keep_shear_only();
   objective_->working_set().want_oblique(options_.momenta.oblique_share);
-  if (options_.momenta.oriented_alone) objective_->working_set().let_elements_stand_alone();
+  if (options_.momenta.oriented_alone > 0) objective_->working_set().let_elements_stand_alone();
   objective_->working_set().bound_active(
       most_active_blocks(pyramid_.fixed_lattice(), options_.momenta.most_active_share));
   // Finer scales begin with none, and where order 0 is alone nothing has any.

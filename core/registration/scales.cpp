@@ -136,6 +136,8 @@ RegistrationOptions resolved(const RegistrationOptions& options, const Lattice<D
     const auto share = [&](double without_noise) { return (without_noise + beside_noise) / (1 + beside_noise); };
     const double contrast = std::ldexp(traits.contrast, finest) / o.momenta.full_contrast;
     if (contrast < 1) {
+      // What turns shows little of its interface then, and order 0, which has no fine scale, none of the rest.
+      if (o.momenta.oriented_alone < 0) o.momenta.oriented_alone = 0;
       const double counted = std::max(contrast, kLeastCounted);
       o.momenta.sparsity = in_few_digits(o.momenta.sparsity * share(counted * counted));
       // So much less of the energy is the motion's.
@@ -145,6 +147,7 @@ RegistrationOptions resolved(const RegistrationOptions& options, const Lattice<D
     }
     o.momenta.full_contrast = 0;  // it has been followed
   }
+  if (o.momenta.oriented_alone < 0) o.momenta.oriented_alone = 1;
   if (o.model == Model::Auto && o.similarity == SimilarityType::Lncc && o.preset != Preset::Fast &&
       o.momenta.regularisation_beside_first == 0)
     o.momenta.regularisation_beside_first = kStifferBesideFirst * o.momenta.regularisation;

@@ -71,6 +71,7 @@ std::string measured_from(const std::string& name, const ReportInput<Dim>& input
     return input.options->similarity == SimilarityType::Lncc
                ? "from the model and the similarity: what is sharp is left to first orders"
                : "from the fixed image's contrast, which is low (full_contrast), and the noise";
+  if (name == "oriented_alone") return "from the similarity and the fixed image's contrast (full_contrast)";
   if (name == "sparsity") return where_sparsity_is_from(*input.options);
   return "from the levels";
 }

@@ -212,7 +212,7 @@ TEST(AutoModel, HasNoMomentaAlongTheAxesBesideOrientedOnes) {
       EXPECT_GT(result.summary.levels.back().oriented_elements, 0);
       EXPECT_EQ(result.summary.levels.back().active_block_share, 0);
       alone += outcome_of(phantom, options).error_mm;
-      options.momenta.oriented_alone = false;
+      options.momenta.oriented_alone = 0;
       EXPECT_GT(register_images<2>(pair_of(phantom), options).summary.levels.back().active_block_share, 0);
       beside += outcome_of(phantom, options).error_mm;
     }

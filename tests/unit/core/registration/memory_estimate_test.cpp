@@ -128,7 +128,7 @@ TEST(MemoryEstimate, IsABoundWithManyOrientedMomenta) {
   Case one(Model::Auto, SimilarityType::Lncc);
   one.options.momenta.first_order_shear = 1e-9;
   one.options.momenta.oblique_share = 0;
-  one.options.momenta.oriented_alone = false;
+  one.options.momenta.oriented_alone = 0;
   one.options.momenta.sparsity = 1e-3;
   one.options.momenta.most_active_share = 1;
   one.options.optimisation.max_iterations = one.options.optimisation.history + 2;

@@ -516,7 +516,7 @@ TEST(OrientedModel, ResumesWithTheSameEndWhereItStandsAlone) {
   RegistrationOptions options = default_options(Model::Auto, SimilarityType::Lncc, Preset::Balanced);
   options.threads = 1;
   options.momenta.first_order_shear = 1e-9;
-  ASSERT_TRUE(options.momenta.oriented_alone);
+  ASSERT_EQ(options.momenta.oriented_alone, 1);
   expect_to_resume_with_the_same_end(options);
 }
 

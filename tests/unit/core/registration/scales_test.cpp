@@ -139,6 +139,8 @@ TEST(ResolvedOptions, FollowALowContrastWithSsd) {
   const auto at = [&](const ImageTraits& traits) { return resolved(asked, block(1), traits).momenta; };
   EXPECT_EQ(at({0, full}).sparsity, plain.sparsity);
   EXPECT_EQ(at({0, full / 2}).regularisation_beside_first, 0);
+  EXPECT_EQ(at({0, full}).oriented_alone, 1);
+  EXPECT_EQ(at({0, full / 4}).oriented_alone, 0);
   EXPECT_DOUBLE_EQ(at({0, full / 4}).sparsity, plain.sparsity / 4);
   EXPECT_DOUBLE_EQ(at({0, full / 4}).regularisation_beside_first, plain.regularisation / 2);
   EXPECT_EQ(at({0, full / 4}).regularisation, plain.regularisation);
@@ -155,6 +157,8 @@ TEST(ResolvedOptions, FollowNoContrastWhereItIsSaidOtherwise) {
   asked.momenta.regularisation_beside_first = 0.25;
   EXPECT_EQ(resolved(asked, block(1), {0, 0.01}).momenta.regularisation_beside_first, 0.25);
   const double sparsity = asked.momenta.sparsity;
+  asked.momenta.oriented_alone = 1;
+  EXPECT_EQ(resolved(asked, block(1), {0, 0.01}).momenta.oriented_alone, 1);
   asked.momenta.full_contrast = 0;
   EXPECT_EQ(resolved(asked, block(1), {0, 0.01}).momenta.sparsity, sparsity);
   RegistrationOptions other = default_options(Model::Sliding, SimilarityType::Lncc, Preset::Balanced);

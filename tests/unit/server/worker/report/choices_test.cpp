@@ -101,7 +101,7 @@ TEST(Choices, TellWhatALowContrastMakes) {
   set_parameter(scene.options, "full_contrast", "0.08");
   scene.result.options = resolved(scene.options, lattice_of(scene.images.fixed.grid), {0, 0.04});
   const auto all = choices(scene.report);
-  for (const char* name : {"sparsity", "regularisation_beside_first"})
+  for (const char* name : {"sparsity", "regularisation_beside_first", "oriented_alone"})
     EXPECT_THAT(all, Contains(AllOf(Field(&Choice::name, name), Field(&Choice::is_set, false),
                                     Field(&Choice::why, HasSubstr("contrast")))))
         << name;
