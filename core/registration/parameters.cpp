@@ -259,7 +259,7 @@ const std::vector<Parameter>& parameters() {
       real(
           "regularisation_beside_first", "per mm^2", 0, Lower::Inclusive, inf,
           "weight of the order-0 part once first orders take part; 0: that of regularisation, or what full_contrast "
-          "says, and for auto with lncc, but fast, three times that",
+          "says, and for auto with lncc, but fast, ten times that",
           [](O & o) -> auto& { return o.momenta.regularisation_beside_first; }),
       integer(
           "first_order_scales", "", 0, 8, "number of order-1 scales; 0 leaves order 1 out",
@@ -328,9 +328,8 @@ const std::vector<Parameter>& parameters() {
       integer(
           "oriented_alone", "", -1, 1,
           "1: where a scale's oriented momenta have been turned to an interface and it has none along the axes, none "
-          "of "
-          "these appear, and the oriented ones take interfaces along the axes as well; 0: both may; -1: 1, but 0 where "
-          "full_contrast says that the fixed image has little",
+          "of these appear, and the oriented ones take interfaces along the axes as well; 0: both may; -1: 1, but 0 "
+          "where full_contrast says that the fixed image has little",
           [](O & o) -> auto& { return o.momenta.oriented_alone; }),
       boolean(
           "first_order_waits",

@@ -198,10 +198,16 @@ bool WorkingSet<Dim, T>::has_elements(std::size_t scale) const {
   return oriented.momenta && (!oriented.momenta->turned().empty() || !oriented.active.empty());
 }
 
+/// Whether elements, once turned, keep blocks of their scale out.
+template <int Dim, class T>
+bool WorkingSet<Dim, T>::may_stand_alone(std::size_t scale) const {
+  return elements_stand_alone_ && has_no_blocks(first_[scale]);
+}
+
 /// Whether an evaluation shows where blocks of a scale that are not active want to be.
 template <int Dim, class T>
 bool WorkingSet<Dim, T>::looks_at_blocks(std::size_t scale) const {
-  return looks_everywhere_ && !(elements_stand_alone_ && has_elements(scale) && has_no_blocks(first_[scale]));
+  return looks_everywhere_ && !(may_stand_alone(scale) && has_elements(scale));
 }
 
 template <int Dim, class T>
@@ -349,7 +355,7 @@ void WorkingSet<Dim, T>::turn(const InterfaceNormals<Dim, T>& interface) {
   for (std::size_t s = 0; s < oriented_.size(); ++s) {
     if (!oriented_[s].momenta) continue;
     std::vector<T> normals = turns ? std::move(found[s].values) : std::vector<T>();
-    if (!(elements_stand_alone_ && has_no_blocks(first_[s]))) InterfaceNormals<Dim, T>::leave_out_axes(normals);
+    if (!may_stand_alone(s)) InterfaceNormals<Dim, T>::leave_out_axes(normals);
     oriented_[s].momenta->turn(std::move(normals), oriented_[s].active);
   }
 }

@@ -152,6 +152,7 @@ class WorkingSet {
   void lay_out();
   void gather_factors();
   bool has_elements(std::size_t scale) const;
+  bool may_stand_alone(std::size_t scale) const;
   bool looks_at_blocks(std::size_t scale) const;
   std::vector<std::vector<float>> sizes_of(std::size_t scale, const std::vector<T>& x) const;
   std::vector<std::vector<float>> reweighted(std::size_t scale, const std::vector<T>& x) const;

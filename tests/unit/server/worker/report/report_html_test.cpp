@@ -69,6 +69,18 @@ TEST(ReportHtml, ShowsTheKeyNumbers) {
   EXPECT_THAT(html, HasSubstr("2.5 s of CPU"));
 }
 
+// What slides by oriented momenta alone must not read as if nothing did.
+TEST(ReportHtml, CountsOrientedMomenta) {
+  ReportScene<2> scene(3);
+  scene.result.summary.levels.back().oriented_elements = 37;
+  EXPECT_THAT(html_of(scene.report), HasSubstr("is not zero, beside 37 oriented momenta"));
+  EXPECT_THAT(html_of(scene.report), HasSubstr(" % of the blocks, 37 oriented"));
+  scene.result.summary.active_first_order_share = 0;
+  scene.result.momenta.back().axis = MomentumField<2>::kOriented;
+  EXPECT_THAT(html_of(scene.report), HasSubstr("37</div><div class=\"note\">turned to the interface"));
+  EXPECT_THAT(html_of(scene.report), Not(HasSubstr("Active first-order sites")));
+}
+
 TEST(ReportHtml, ShowsATitleAsText) {
   ReportScene<2> scene(3);
   scene.report.title = "<script>alert('x')</script> & co";
