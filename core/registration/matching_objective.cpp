@@ -122,7 +122,8 @@ Evaluation MatchingObjective<Dim, T>::evaluate(const std::vector<T>& x, std::vec
 template <int Dim, class T>
 void MatchingObjective<Dim, T>::scale_duals(std::vector<T>& image_dual, std::vector<T>& weight_dual) const {
   const T weight = static_cast<T>(level_.similarity_weight);
-  for (T& dual : image_dual) dual *= weight;
+  if (weight != 1)
+    for (T& dual : image_dual) dual *= weight;
   for (std::size_t i = 0; i < weight_dual.size(); ++i)
     weight_dual[i] *= weight * (level_.fixed_weights.empty() ? T(1) : level_.fixed_weights[i]);
 }

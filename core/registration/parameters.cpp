@@ -386,9 +386,9 @@ const std::vector<Parameter>& parameters() {
       real(
           "ncc_floor", "intensity range", 0, Lower::Exclusive, 1, "standard deviation below which an image is flat",
           [](O & o) -> auto& { return o.similarity_parameters.ncc_floor; }),
-      real(
-          "lncc_radius_voxels", "voxels of the level", 0, Lower::Exclusive, 16,
-          "half width of the window of lncc, which takes time in proportion to it",
+      real_or_zero(
+          "lncc_radius_voxels", "voxels of the level", 0.1, 16,
+          "half width of the window of lncc; 0: 4 in 2-D, where a window holds fewer samples, and 2 in 3-D",
           [](O & o) -> auto& { return o.similarity_parameters.lncc_radius_voxels; }),
       real(
           "lncc_floor", "intensity range", 0, Lower::Exclusive, 1, "standard deviation below which a window is flat",

@@ -3,6 +3,7 @@
 #include "core/grid/noise.h"
 #include "core/momenta/directional_momentum.h"
 #include "core/momenta/spread_normals.h"
+#include "core/similarity/similarity.h"
 #include "core/support/errors.h"
 
 #include <algorithm>
@@ -36,7 +37,7 @@ bool is_fine(double reference_mm) { return 2 * reference_mm <= 3; }
 /// where it slides". With lncc first orders are dear in 3-D images and bring little where much else than shear is seen.
 double least_shear(int dimension, SimilarityType similarity) {
   if (dimension == 2) return 6;
-  return similarity == SimilarityType::Lncc ? 10.6 : 5.5;
+  return similarity == SimilarityType::Lncc ? 10.3 : 5.5;
 }
 
 /// With auto, whose momenta of oblique interfaces are oriented, for those along the axes; measured, core/README.md,
@@ -96,6 +97,7 @@ RegistrationOptions resolved(const RegistrationOptions& options, const Lattice<D
       scale = std::max(scale, 1);
     o.momenta.finest_scale = std::min(scale, o.pyramid.levels - 1);
   }
+  o.similarity_parameters.lncc_radius_voxels = lncc_radius_voxels(o.similarity_parameters, Dim);
   if (o.momenta.regularisation == 0)
     o.momenta.regularisation = o.similarity == SimilarityType::Ssd
                                    ? (Dim == 2 ? 3e-6 : 1e-6)

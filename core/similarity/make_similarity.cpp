@@ -3,6 +3,11 @@
 
 namespace saltus {
 
+double lncc_radius_voxels(const SimilarityOptions& parameters, int dimension) {
+  if (parameters.lncc_radius_voxels > 0) return parameters.lncc_radius_voxels;
+  return dimension == 2 ? 4 : 2;  // measured, core/README.md, "Windows of lncc"
+}
+
 template <int Dim, class T>
 std::unique_ptr<Similarity<Dim, T>> make_similarity(SimilarityType type, const Lattice<Dim>& lattice,
                                                     const SimilarityOptions& parameters, double level_spacing_mm) {
@@ -12,7 +17,7 @@ std::unique_ptr<Similarity<Dim, T>> make_similarity(SimilarityType type, const L
     case SimilarityType::Ncc:
       return make_global_correlation<Dim, T>(lattice, parameters.ncc_floor);
     case SimilarityType::Lncc:
-      return make_local_correlation<Dim, T>(lattice, parameters.lncc_radius_voxels * level_spacing_mm,
+      return make_local_correlation<Dim, T>(lattice, lncc_radius_voxels(parameters, Dim) * level_spacing_mm,
                                             parameters.lncc_floor);
     case SimilarityType::Mi:
       return make_mutual_information<Dim, T>(lattice, parameters.mi_bins);

@@ -12,7 +12,7 @@ struct SimilarityOptions {
   double ssd_residual = 0.014;    ///< sd of what ssd leaves beside noise: its weight is 1 / (1 + (noise / this)^2)
   double weight = 1;              ///< multiplies the similarity
   double ncc_floor = 0.001;       ///< standard deviation below which an image is flat
-  double lncc_radius_voxels = 2;  ///< half width of the box window, in voxels of the level
+  double lncc_radius_voxels = 0;  ///< half width of the windows, in voxels of the level; 0: by dimension
   double lncc_floor = 0.01;       ///< standard deviation below which a window is flat
   int mi_bins = 32;               ///< for each image, in the joint histogram
   double ngf_edge = 0;            ///< intensity per mm below which a gradient counts little; 0: from the images

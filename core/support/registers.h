@@ -5,6 +5,10 @@
 #include <cstring>
 #include <utility>
 
+#ifdef __AVX512F__
+#include <immintrin.h>
+#endif
+
 namespace saltus {
 
 // For sources of the core alone: what is compiled for another processor sees other registers.
@@ -54,7 +58,23 @@ template <class T>
 #endif
 }
 
-/// The first `count` values alone, or all if that is more.
+/// The first `count` values alone, or all if that is more; no other is read or written.
+#ifdef __AVX512F__
+[[gnu::always_inline]] inline Register<float> load_first(std::size_t count, const float* from, float other) {
+  return _mm512_mask_loadu_ps(_mm512_set1_ps(other), static_cast<__mmask16>(count < 16 ? (1u << count) - 1 : 0xffff),
+                              from);
+}
+[[gnu::always_inline]] inline Register<double> load_first(std::size_t count, const double* from, double other) {
+  return _mm512_mask_loadu_pd(_mm512_set1_pd(other), static_cast<__mmask8>(count < 8 ? (1u << count) - 1 : 0xff), from);
+}
+template <class T>
+[[gnu::always_inline]] inline void store_first(std::size_t count, const Register<T>& values, T* to) {
+  if constexpr (sizeof(T) == 4)
+    _mm512_mask_storeu_ps(to, static_cast<__mmask16>(count < 16 ? (1u << count) - 1 : 0xffff), values);
+  else
+    _mm512_mask_storeu_pd(to, static_cast<__mmask8>(count < 8 ? (1u << count) - 1 : 0xff), values);
+}
+#else
 template <class T>
 [[gnu::always_inline]] inline Register<T> load_first(std::size_t count, const T* from, T other) {
   if (count >= kRegisterLanes<T>) return load(from);
@@ -67,6 +87,7 @@ template <class T>
   if (count >= kRegisterLanes<T>) return store<T>(values, to);
   for (std::size_t i = 0; i < count; ++i) to[i] = values[i];
 }
+#endif
 
 template <int By, class T, int... Lane>
 [[gnu::always_inline]] inline Register<T> shifted_lanes(const Register<T>& low, const Register<T>& high,
@@ -77,6 +98,27 @@ template <int By, class T, int... Lane>
 template <int By, class T>
 [[gnu::always_inline]] inline Register<T> shifted(const Register<T>& low, const Register<T>& high) {
   return shifted_lanes<By, T>(low, high, std::make_integer_sequence<int, static_cast<int>(kRegisterLanes<T>)>());
+}
+
+template <int From, class T, int... Lane>
+[[gnu::always_inline]] inline Register<T> every_second_lane(const Register<T>& low, const Register<T>& high,
+                                                            std::integer_sequence<int, Lane...>) {
+  return __builtin_shufflevector(low, high, (2 * Lane + From)...);
+}
+/// Of the lanes of both, one after the other, every second one from `From` on.
+template <int From, class T>
+[[gnu::always_inline]] inline Register<T> every_second(const Register<T>& low, const Register<T>& high) {
+  return every_second_lane<From, T>(low, high, std::make_integer_sequence<int, static_cast<int>(kRegisterLanes<T>)>());
+}
+template <int Half, class T, int... Lane>
+[[gnu::always_inline]] inline Register<T> doubled_lanes(const Register<T>& values,
+                                                        std::integer_sequence<int, Lane...>) {
+  return __builtin_shufflevector(values, values, (static_cast<int>(sizeof...(Lane)) / 2 * Half + Lane / 2)...);
+}
+/// The lanes of the first (0) or second half, each twice.
+template <int Half, class T>
+[[gnu::always_inline]] inline Register<T> doubled(const Register<T>& values) {
+  return doubled_lanes<Half, T>(values, std::make_integer_sequence<int, static_cast<int>(kRegisterLanes<T>)>());
 }
 
 template <class T>

@@ -127,15 +127,20 @@ class Scene {
     list.push_back({"its transpose", (1 + 0.125) * kVector, values * 4,
                     [=, this] { between->transpose(vectors_.data(), more_.data()); }});
 
-    // Both images read, the gradient written. Six products, window sums of those and of three coefficients (a sum and a
-    // difference along each axis), and about forty operations to make the coefficients and the gradient of them.
+    // Both images read, the gradient written. At each sample the means of both are taken off, three products are made
+    // and five values added to their cell's; later the means again, two products and two sums. For each cell, one for
+    // eight samples, window sums of five quantities and three coefficients (two sums and a product along each axis) and
+    // about forty operations to make the coefficients.
     similarity_ = make_local_correlation<3, float>(lattice_, 2.0, 0.01);
-    list.push_back({"local correlation, value and gradient", 3 * kScalar, 6 + (6 + 3) * 3 * 2 + 40, [this] {
-                      similarity_->evaluate(fixed_.data(), image_.samples.data(), nullptr, scalar_.data(), nullptr);
-                    }});
-    // With a mask and the gradient with respect to it: six coefficients.
+    similarity_->prepare(fixed_.data(), image_.samples.data(), nullptr);
+    list.push_back(
+        {"local correlation, value and gradient", 3 * kScalar, (2 + 3 + 5 + 2 + 4) + ((5 + 3) * 3 * 3 + 40) / 8.0,
+         [this] { similarity_->evaluate(fixed_.data(), image_.samples.data(), nullptr, scalar_.data(), nullptr); }});
+    // With a mask and the gradient with respect to it: two products and a sum more of each sample, six coefficients,
+    // and ten operations more for each gradient.
     weights_.assign(sites_, 1);
-    list.push_back({"local correlation with a mask", 5 * kScalar, 12 + 12 * 3 * 2 + 70, [this] {
+    list.push_back({"local correlation with a mask", 5 * kScalar,
+                    (2 + 3 + 5 + 3 + 2 + 5 + 10) + ((6 + 6) * 3 * 3 + 70) / 8.0, [this] {
                       similarity_->evaluate(fixed_.data(), image_.samples.data(), weights_.data(), scalar_.data(),
                                             more_.data());
                     }});

@@ -82,10 +82,18 @@ TEST(ResolvedOptions, AskOfFirstOrdersWhatWasMeasured) {
   EXPECT_EQ(asked_of(SimilarityType::Ssd, plane(1)), 6);
   EXPECT_EQ(asked_of(SimilarityType::Lncc, plane(1)), 6);
   EXPECT_EQ(asked_of(SimilarityType::Ssd, block(2)), 5.5);
-  EXPECT_EQ(asked_of(SimilarityType::Lncc, block(2)), 10.6);
+  EXPECT_EQ(asked_of(SimilarityType::Lncc, block(2)), 10.3);
   RegistrationOptions asked = automatic(SimilarityType::Ssd);
   asked.momenta.first_order_shear = 0.25;
   EXPECT_EQ(resolved(asked, plane(1)).momenta.first_order_shear, 0.25);
+}
+
+TEST(ResolvedOptions, GiveLnccWiderWindowsInThePlane) {
+  RegistrationOptions asked = automatic(SimilarityType::Lncc);
+  EXPECT_EQ(resolved(asked, plane(1)).similarity_parameters.lncc_radius_voxels, 4);
+  EXPECT_EQ(resolved(asked, block(1)).similarity_parameters.lncc_radius_voxels, 2);
+  asked.similarity_parameters.lncc_radius_voxels = 3;
+  EXPECT_EQ(resolved(asked, plane(1)).similarity_parameters.lncc_radius_voxels, 3);
 }
 
 // core/README.md, "Regularisation".

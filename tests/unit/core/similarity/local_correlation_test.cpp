@@ -2,7 +2,9 @@
 
 #include <omp.h>
 
+#include <array>
 #include <cmath>
+#include <cstdlib>
 #include <limits>
 
 #include "core/similarity/similarity.h"
@@ -25,36 +27,80 @@ double energy(const std::vector<double>& fixed, const std::vector<double>& warpe
       ->evaluate(fixed.data(), warped.data(), weights, gradient.data(), nullptr);
 }
 
-// Oracle: mean, variance and covariance of every window, term by term, in two passes.
+/// One axis as the header says of windows of half width r samples.
+struct Axis {
+  int size, cell, radius;
+
+  int cells() const { return (size + cell - 1) / cell; }
+  double counts(int cell_at, int sample) const {
+    const int by = std::abs(sample / cell - cell_at);
+    return by < radius || by == 0 ? 1 : by > radius ? 0 : cell == 2 ? 0.25 : 1;
+  }
+};
+Axis axis_of(int size, double radius) {
+  const int r = std::max(1, static_cast<int>(std::lround(radius)));
+  if (size < 2) return {size, 1, 0};
+  return r == 1 ? Axis{size, 1, 1} : Axis{size, 2, (r + 1) / 2};
+}
+
+/// Every window term by term, in double and two passes: the energy a volume, and what each window adds to the slope at
+/// each of its samples.
+double window_by_window(const std::array<Axis, 3>& axes, double floor, const std::vector<double>& fixed,
+                        const std::vector<double>& warped, const std::vector<double>& weights,
+                        std::vector<double>& gradient) {
+  gradient.assign(fixed.size(), 0);
+  double energy = 0;
+  const auto visit = [&](const std::array<int, 3>& at, auto&& sample) {
+    std::array<int, 3> from, to;
+    for (std::size_t a = 0; a < 3; ++a) {
+      from[a] = std::max(0, (at[a] - axes[a].radius) * axes[a].cell);
+      to[a] = std::min(axes[a].size, (at[a] + axes[a].radius + 1) * axes[a].cell);
+    }
+    for (int z = from[2]; z < to[2]; ++z)
+      for (int y = from[1]; y < to[1]; ++y)
+        for (int x = from[0]; x < to[0]; ++x) {
+          const auto i = static_cast<std::size_t>(x + axes[0].size * (y + axes[1].size * z));
+          const bool is_own = x / axes[0].cell == at[0] && y / axes[1].cell == at[1] && z / axes[2].cell == at[2];
+          sample(i, weights[i] * axes[0].counts(at[0], x) * axes[1].counts(at[1], y) * axes[2].counts(at[2], z),
+                 is_own);
+        }
+  };
+  std::array<int, 3> at;
+  for (at[2] = 0; at[2] < axes[2].cells(); ++at[2])
+    for (at[1] = 0; at[1] < axes[1].cells(); ++at[1])
+      for (at[0] = 0; at[0] < axes[0].cells(); ++at[0]) {
+        double sum = 0, own = 0, f = 0, w = 0, var_f = floor * floor, var_w = floor * floor, cov = 0;
+        visit(at, [&](std::size_t i, double weight, bool is_own) {
+          sum += weight, f += weight * fixed[i], w += weight * warped[i], own += is_own ? weights[i] : 0;
+        });
+        if (sum < 1e-6) {
+          energy += own;
+          continue;
+        }
+        f /= sum, w /= sum;
+        visit(at, [&](std::size_t i, double weight, bool) {
+          const double share = weight / sum, df = fixed[i] - f, dw = warped[i] - w;
+          var_f += share * df * df, var_w += share * dw * dw, cov += share * df * dw;
+        });
+        const double q = 1 / std::sqrt(var_f * var_w), c = cov * q;
+        energy += own * (1 - c);
+        visit(at, [&](std::size_t i, double weight, bool) {
+          gradient[i] -= own * weight / sum * (q * (fixed[i] - f) - c / var_w * (warped[i] - w));
+        });
+      }
+  return energy;
+}
+
+// 3 mm are 3 samples of 1 mm, and 2 of 2 mm.
 TEST(LocalCorrelation, EqualsTheSumOverWindows) {
   const Images images;
-  std::vector<double> weights = testing::random_values(kLattice.sites(), 3, 0.5);
+  std::vector<double> weights = testing::random_values(kLattice.sites(), 3, 0.5), ones(weights.size(), 1), unused;
   for (double& weight : weights) weight = std::max(0.0, weight + 0.3);
-  const double floor = 0.05;
-  for (const double* w : {static_cast<const double*>(nullptr), static_cast<const double*>(weights.data())}) {
-    double expected = 0;
-    const int rx = 3, ry = 2;  // 3 mm; 1.5 samples round to 2
-    for (int y = 0; y < 11; ++y)
-      for (int x = 0; x < 14; ++x) {
-        const auto window = [&](auto&& term) {
-          double sum = 0;
-          for (int j = std::max(0, y - ry); j <= std::min(10, y + ry); ++j)
-            for (int i = std::max(0, x - rx); i <= std::min(13, x + rx); ++i) {
-              const std::size_t at = static_cast<std::size_t>(14 * j + i);
-              sum += (w ? w[at] : 1.0) * term(images.fixed[at], images.warped[at]);
-            }
-          return sum;
-        };
-        const double count = window([](double, double) { return 1.0; });
-        const double f0 = window([](double f, double) { return f; }) / count,
-                     w0 = window([](double, double v) { return v; }) / count;
-        const double vf = window([&](double f, double) { return (f - f0) * (f - f0); }) / count;
-        const double vw = window([&](double, double v) { return (v - w0) * (v - w0); }) / count;
-        const double cov = window([&](double f, double v) { return (f - f0) * (v - w0); }) / count;
-        const double weight = w ? w[static_cast<std::size_t>(14 * y + x)] : 1.0;
-        expected += 2.0 * weight * (1 - cov / std::sqrt((vf + floor * floor) * (vw + floor * floor)));
-      }
-    EXPECT_NEAR(energy(images.fixed, images.warped, floor, w), expected, 1e-10 * expected);
+  for (const std::vector<double>* w : {&ones, &weights}) {
+    const double expected = 2 * window_by_window({axis_of(14, 3), axis_of(1, 0), axis_of(11, 1.5)}, 0.05, images.fixed,
+                                                 images.warped, *w, unused);
+    EXPECT_NEAR(energy(images.fixed, images.warped, 0.05, w == &ones ? nullptr : w->data()), expected,
+                1e-10 * expected);
   }
 }
 
@@ -172,33 +218,10 @@ TEST(LocalCorrelation, TilesDoNotShow) {
     const double energy =
         similarity->evaluate(fixed.data(), warped.data(), weights.data(), gradient.data(), weight_gradient.data());
 
-    double expected = 0;
-    const auto offset = [&](int x, int y, int z) {
-      return static_cast<std::size_t>(x + one.size[0] * (y + one.size[1] * z));
-    };
-    const auto term = [&](const Index<3>& centre) {
-      double sums[6] = {};
-      Index<3> from, to;
-      for (int axis = 0; axis < 3; ++axis) {
-        from[axis] = std::max(0, centre[axis] - one.radius);
-        to[axis] = std::min(one.size[axis] - 1, centre[axis] + one.radius);
-      }
-      for (int z = from[2]; z <= to[2]; ++z)
-        for (int y = from[1]; y <= to[1]; ++y)
-          for (int x = from[0]; x <= to[0]; ++x) {
-            const std::size_t i = offset(x, y, z);
-            const double f = fixed[i], w = warped[i], weight = weights[i];
-            sums[0] += weight, sums[1] += weight * f, sums[2] += weight * w;
-            sums[3] += weight * f * f, sums[4] += weight * w * w, sums[5] += weight * f * w;
-          }
-      const double f = sums[1] / sums[0], w = sums[2] / sums[0];
-      const double var_f = sums[3] / sums[0] - f * f + 0.0025, var_w = sums[4] / sums[0] - w * w + 0.0025;
-      return weights[offset(centre[0], centre[1], centre[2])] *
-             (1 - (sums[5] / sums[0] - f * w) / std::sqrt(var_f * var_w));
-    };
-    for (int z = 0; z < one.size[2]; ++z)
-      for (int y = 0; y < one.size[1]; ++y)
-        for (int x = 0; x < one.size[0]; ++x) expected += term({x, y, z});
+    std::vector<double> unused;
+    const double expected = window_by_window(
+        {axis_of(one.size[0], one.radius), axis_of(one.size[1], one.radius), axis_of(one.size[2], one.radius)}, 0.05,
+        fixed, warped, weights, unused);
     EXPECT_NEAR(energy, expected, 1e-9 * expected);
 
     const std::vector<double> turn = testing::random_waves<3>(lattice, 7),
@@ -216,45 +239,10 @@ TEST(LocalCorrelation, TilesDoNotShow) {
   }
 }
 
-/// Every window term by term, in double: the energy, and what each window adds to the slope at each of its samples.
-double window_by_window(const Lattice<3>& lattice, const Index<3>& radius, double floor,
-                        const std::vector<double>& fixed, const std::vector<double>& warped,
-                        const std::vector<double>& weights, std::vector<double>& gradient) {
-  gradient.assign(lattice.sites(), 0);
-  double energy = 0;
-  for (int slab = 0; slab < lattice.size[2]; ++slab)
-    visit_slab<3>(lattice, slab, [&](const Index<3>& centre, std::size_t at) {
-      const auto visit = [&](auto&& sample) {
-        for (int z = std::max(0, centre[2] - radius[2]); z <= std::min(lattice.size[2] - 1, centre[2] + radius[2]); ++z)
-          for (int y = std::max(0, centre[1] - radius[1]); y <= std::min(lattice.size[1] - 1, centre[1] + radius[1]);
-               ++y)
-            for (int x = std::max(0, centre[0] - radius[0]); x <= std::min(lattice.size[0] - 1, centre[0] + radius[0]);
-                 ++x)
-              sample(static_cast<std::size_t>(x + lattice.size[0] * (y + lattice.size[1] * z)));
-      };
-      double sum = 0, f = 0, w = 0, var_f = floor * floor, var_w = floor * floor, cov = 0;
-      visit([&](std::size_t i) { sum += weights[i], f += weights[i] * fixed[i], w += weights[i] * warped[i]; });
-      if (sum < 1e-6) return void(energy += weights[at]);
-      f /= sum, w /= sum;
-      visit([&](std::size_t i) {
-        const double share = weights[i] / sum, df = fixed[i] - f, dw = warped[i] - w;
-        var_f += share * df * df, var_w += share * dw * dw, cov += share * df * dw;
-      });
-      const double q = 1 / std::sqrt(var_f * var_w), c = cov * q;
-      energy += weights[at] * (1 - c);
-      visit([&](std::size_t i) {
-        gradient[i] -= weights[at] * weights[i] / sum * (q * (fixed[i] - f) - c / var_w * (warped[i] - w));
-      });
-    });
-  return energy;
-}
-
 template <class T>
 void expect_window_by_window(const Lattice<3>& lattice, double radius_mm, bool is_weighted, double tolerance) {
-  Index<3> radius;
-  for (int axis = 0; axis < 3; ++axis)
-    radius[axis] =
-        lattice.size[axis] < 2 ? 0 : std::max(1, static_cast<int>(std::lround(radius_mm / lattice.spacing[axis])));
+  std::array<Axis, 3> axes;
+  for (std::size_t a = 0; a < 3; ++a) axes[a] = axis_of(lattice.size[a], radius_mm / lattice.spacing[a]);
   const std::vector<double> waves = testing::random_waves<3>(lattice, 4), others = testing::random_waves<3>(lattice, 5);
   const std::vector<T> fixed(waves.begin(), waves.end()), warped(others.begin(), others.end());
   std::vector<T> weights(lattice.sites(), T(1)), gradient(lattice.sites());
@@ -267,9 +255,8 @@ void expect_window_by_window(const Lattice<3>& lattice, double radius_mm, bool i
           ->evaluate(fixed.data(), warped.data(), is_weighted ? weights.data() : nullptr, gradient.data(), nullptr);
   std::vector<double> expected;
   const double volume = lattice.cell_volume();
-  const double sum =
-      volume * window_by_window(lattice, radius, 0.05, {fixed.begin(), fixed.end()}, {warped.begin(), warped.end()},
-                                {weights.begin(), weights.end()}, expected);
+  const double sum = volume * window_by_window(axes, 0.05, {fixed.begin(), fixed.end()}, {warped.begin(), warped.end()},
+                                               {weights.begin(), weights.end()}, expected);
   EXPECT_NEAR(energy, sum, tolerance * sum);
   double largest = 0;
   for (double slope : expected) largest = std::max(largest, volume * std::abs(slope));
