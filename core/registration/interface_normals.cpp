@@ -15,7 +15,7 @@ namespace saltus {
 namespace {
 
 constexpr int kPasses = 6;  // of means over three samples: a standard deviation of 2
-constexpr double kLeastShare = 0.2;
+constexpr double kLeastShare = 0.3;
 const double kAlongAxis = std::cos(6 * std::numbers::pi / 180);
 
 template <int Dim, class T>
