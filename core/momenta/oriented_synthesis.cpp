@@ -64,7 +64,8 @@ void OrientedMomenta<Dim, T>::add_velocity(const std::vector<Element>& elements,
   PaddedField<Dim, T> sum(options_.lattice, by_component_);
   const T factor = static_cast<T>(options_.weight * options_.lattice.cell_volume());
   sum.clear();
-  for_ranges_of_planes(options_.lattice.size[Dim - 1], [&](int begin, int end) {
+  const std::size_t row = sum.row();
+  for_ranges_of_planes(options_.lattice.size[Dim - 1], kPlanesTogether<Dim>, [&](int begin, int end) {
     for (std::size_t e = 0; e < elements.size(); ++e) {
       const T* c = momenta + kComponents * e;
       if (std::all_of(c, c + kComponents, [](T value) { return value == T(0); })) continue;
@@ -84,7 +85,7 @@ void OrientedMomenta<Dim, T>::add_velocity(const std::vector<Element>& elements,
                             for (int k = 1; k < Dim; ++k) shape *= p[k].value_shape(p[k].ends(r[k]));
                             for (int a = 0; a < Dim; ++a) {
                               T* to = out[a] + at;
-                              store<T>(load<T>(to) + shape * vector[a], to);
+                              store_tile<T>(load_tile<T>(to, row) + shape * vector[a], to, row);
                             }
                           });
     }
@@ -106,6 +107,7 @@ auto OrientedMomenta<Dim, T>::pull(const Orientation& orientation, const Placeme
   T v[Dim];
   for (int a = 0; a < Dim; ++a) v[a] = vector[a];
   const PaddedField<Dim, T> duals(options_.lattice, by_component_);
+  const std::size_t row = duals.row();
   const T* dual[Dim];
   for (int a = 0; a < Dim; ++a) dual[a] = duals.component(a);
   Register<T> pulled[Dim] = {}, force[Dim] = {}, turning[kPairs] = {};
@@ -115,7 +117,7 @@ auto OrientedMomenta<Dim, T>::pull(const Orientation& orientation, const Placeme
         typename AveragedWendland<T>::template Ends<Register<T>> ends[Dim];
         Register<T> own[Dim], f[Dim];
         for (int k = 0; k < Dim; ++k) {
-          own[k] = load<T>(dual[k] + at);
+          own[k] = load_tile<T>(dual[k] + at, row);
           ends[k] = p[k].ends(r[k]);
           f[k] = k == 0 ? p[k].slope_shape(ends[k]) : p[k].value_shape(ends[k]);
         }

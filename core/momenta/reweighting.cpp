@@ -21,6 +21,10 @@ std::vector<float> sizes(const Lattice<Dim>& lattice, const T* field) {
   return size;
 }
 
+bool are_zero(const std::vector<float>& values) {
+  return std::all_of(values.begin(), values.end(), [](float value) { return value == 0; });
+}
+
 /// Sums over three sites along every axis.
 template <int Dim>
 void add_neighbours(const Lattice<Dim>& lattice, std::vector<float>& values) {
@@ -28,12 +32,13 @@ void add_neighbours(const Lattice<Dim>& lattice, std::vector<float>& values) {
   std::size_t stride = 1;
   for (int axis = 0; axis < Dim; ++axis) {
     const std::size_t length = static_cast<std::size_t>(lattice.size[axis]);
-    for (std::size_t site = 0; site < values.size(); ++site) {
-      const std::size_t i = site / stride % length;
-      sum[site] = values[site];
-      if (i > 0) sum[site] += values[site - stride];
-      if (i + 1 < length) sum[site] += values[site + stride];
-    }
+    for (std::size_t begin = 0; begin < values.size(); begin += stride * length)
+      for (std::size_t i = 0; i < length; ++i)
+        for (std::size_t site = begin + stride * i; site < begin + stride * (i + 1); ++site) {
+          sum[site] = values[site];
+          if (i > 0) sum[site] += values[site - stride];
+          if (i + 1 < length) sum[site] += values[site + stride];
+        }
     std::swap(sum, values);
     stride *= length;
   }
@@ -45,12 +50,18 @@ template <int Dim>
 std::vector<std::vector<float>> reweighted_factors(const Lattice<Dim>& lattice, std::vector<std::vector<float>> sizes) {
   float largest = 0;
   for (std::vector<float>& size : sizes) {
+    if (are_zero(size)) continue;  // most normals have no element
     add_neighbours(lattice, size);
     largest = std::max(largest, *std::max_element(size.begin(), size.end()));
   }
-  for (std::vector<float>& size : sizes)
+  for (std::vector<float>& size : sizes) {
+    if (are_zero(size)) {
+      std::fill(size.begin(), size.end(), static_cast<float>(1 / kFloor));
+      continue;
+    }
     for (float& factor : size)
       factor = static_cast<float>(1 / (kFloor + (largest > 0 ? factor / (kShareOfLargest * largest) : 0.0)));
+  }
   return sizes;
 }
 

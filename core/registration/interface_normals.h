@@ -18,7 +18,8 @@ class InterfaceNormals {
 
   /// At the sites of another lattice over the same frame.
   struct Normals {
-    /// Unit normals, Dim values a site, of either sign. 0 where v changes by less than a fifth of its strongest change.
+    /// Unit normals, Dim values a site, of either sign. 0 where v changes by less than three tenths of its strongest
+    /// change.
     std::vector<T> values;
     double oblique_share = 0;  ///< of the sites with a normal: those where it is more than 6 degrees off every axis
   };

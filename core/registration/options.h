@@ -65,6 +65,9 @@ struct RegistrationOptions {
                                 ///< image has less, lambda and regularisation_beside_first are less; 0: they are not
     int sparsity_path = 1;  ///< weights lambda 2^(n-1), ..., lambda that a level is solved with, one after the other;
                             ///< none where a coarser one found first orders and reweighted_rounds follow
+    /// lambda of the rounds with even weights that reweighted ones follow, as a multiple: they are there to show where
+    /// momenta are, which a larger one does with fewer of them.
+    double even_sparsity = 1;
     int reweighted_rounds = 0;      ///< times that a level is solved again with weights made from the momenta found
     bool debias = false;            ///< a last round without sparsity on the momenta found
     std::vector<double> direction;  ///< of the derivative of model directional: a unit vector, world (LPS)

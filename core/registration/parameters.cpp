@@ -293,6 +293,10 @@ const std::vector<Parameter>& parameters() {
           "weights that a level goes through, each half the one before, down to sparsity; none where a coarser level "
           "found first orders and reweighted rounds follow",
           [](O & o) -> auto& { return o.momenta.sparsity_path; }),
+      real(
+          "even_sparsity", "", 0, Lower::Exclusive, 100,
+          "sparsity counts so many times in the rounds with even weights that reweighted rounds follow",
+          [](O & o) -> auto& { return o.momenta.even_sparsity; }),
       integer(
           "reweighted_rounds", "", 0, 10,
           "times that a level is solved again with sparsity weights made from the momenta found",

@@ -198,10 +198,10 @@ bool PyramidRun<Dim>::is_smooth(const SparsityRound& round) const {
                          std::all_of(reached_.active_elements.begin(), reached_.active_elements.end(), is_empty));
 }
 
-/// The objective of a round, made anew only where the flow has to move to another lattice. What is in x stays where it
-/// is: scales that are all order 1 have no momenta while they are left out.
+/// The objective of a round, made anew (true) only where the flow has to move to another lattice. What is in x stays
+/// where it is: scales that are all order 1 have no momenta while they are left out.
 template <int Dim>
-void PyramidRun<Dim>::make_objective(const SparsityRound& round) {
+bool PyramidRun<Dim>::make_objective(const SparsityRound& round) {
   const int level = levels_[step_];
   const bool smooth = is_smooth(round);
   const Lattice<Dim> flow = level_lattice(pyramid_.fixed_lattice(), smooth ? level + options_.flow.coarsening : level);
@@ -209,7 +209,7 @@ void PyramidRun<Dim>::make_objective(const SparsityRound& round) {
   for (const auto& placed : scales_)
     if (placed.level >= level && !(smooth && !has_zeroth(placed.scale->options().orders)))
       scales.push_back(placed.scale.get());
-  if (objective_ && objective_->flow_lattice() == flow && scales == active_) return;
+  if (objective_ && objective_->flow_lattice() == flow && scales == active_) return false;
   objective_.reset();
   active_ = scales;
   objective_ = std::make_unique<MatchingObjective<Dim, Scalar>>(
@@ -227,6 +227,7 @@ void PyramidRun<Dim>::make_objective(const SparsityRound& round) {
                                                      : reached_.active_blocks);
   objective_->working_set().set_active_elements(reached_.active_elements);
   objective_->on_work([this](double share) { count_work(share); });
+  return true;
 }
 
 template <int Dim>
@@ -257,10 +258,16 @@ void PyramidRun<Dim>::begin_round(std::size_t round) {
   level_.rounds = static_cast<int>(round) + 1;
   reached_.active_blocks = objective_->working_set().active_blocks();
   reached_.active_elements = objective_->working_set().active_elements();
-  make_objective(rounds_[round]);
+  const bool is_new = make_objective(rounds_[round]);
   objective_->weigh(rounds_[round], momenta);
   level_.oblique_share = objective_->working_set().oblique_share();
+  // Other weights change the sparsity term alone: what is known of the smooth part's curvature stays true. Where first
+  // orders have to find all of the motion (ssd), which opens slowly, a round that begins so ends too soon.
+  const bool is_known =
+      !is_new && round > 0 && rounds_[round - 1].lets_blocks_join && options_.momenta.first_order_waits;
+  std::deque<CurvaturePair<Scalar>> pairs = std::move(reached_.minimiser.pairs);
   reached_.minimiser = MinimiserState<Scalar>(std::move(momenta));
+  if (is_known) reached_.minimiser.pairs = std::move(pairs);
 }
 
 template <int Dim>

@@ -59,7 +59,7 @@ class PyramidRun {
   bool has_first_at(int level) const;
   bool has_found() const;
   double planned_work(int level, bool lets_in) const;
-  void make_objective(const SparsityRound& round);
+  bool make_objective(const SparsityRound& round);
   void choose_map_steps();
   bool first_orders_are_worth_it();
   bool would_join();

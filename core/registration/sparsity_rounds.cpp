@@ -11,8 +11,9 @@ std::vector<SparsityRound> sparsity_rounds(const RegistrationOptions::Momenta& m
   std::vector<SparsityRound> rounds;
   if (momenta.first_order_waits) rounds.push_back({Weights::Even, 1, false});
   const bool has_path = !has_found || momenta.reweighted_rounds == 0;
+  const double last = momenta.reweighted_rounds > 0 ? momenta.even_sparsity : 1;
   for (int k = momenta.sparsity_path - 1; k >= 0 && has_path; --k)
-    rounds.push_back({Weights::Even, std::ldexp(1.0, k)});
+    rounds.push_back({Weights::Even, std::ldexp(last, k)});
   for (int k = 0; k < momenta.reweighted_rounds; ++k) rounds.push_back({Weights::Reweighted, 1});
   if (momenta.debias) rounds.push_back({Weights::Debiased, 1});
   return rounds;

@@ -21,8 +21,9 @@ struct SparsityRound {
 };
 
 /// The rounds of a level: where first orders wait, one in which none appear; the path of weights lambda 2^(n-1), ..., 2
-/// lambda, lambda, then the reweighted rounds, then the debiasing round. Where a coarser level `has_found` first
-/// orders, the reweighted rounds know already where, and there is no path. Without first-order momenta one round.
+/// lambda, lambda (`even_sparsity` times as much where reweighted rounds follow), then these, then the debiasing round.
+/// Where a coarser level `has_found` first orders, the reweighted rounds know already where, and there is no path.
+/// Without first-order momenta one round.
 std::vector<SparsityRound> sparsity_rounds(const RegistrationOptions::Momenta& momenta, bool has_first_order,
                                            bool has_found);
 

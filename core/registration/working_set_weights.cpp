@@ -46,7 +46,10 @@ template <int Dim, class T>
 std::vector<std::vector<float>> WorkingSet<Dim, T>::sizes_of(std::size_t scale, const std::vector<T>& x) const {
   const FirstOrder& first = first_[scale];
   const Oriented& oriented = oriented_[scale];
-  Lists sizes = momentum_sizes<Dim, T>(scales_[scale]->lattice(), all_sites(scale, x), first.fields);
+  const Lattice<Dim>& lattice = scales_[scale]->lattice();
+  Lists sizes = has_no_blocks(first)
+                    ? Lists(static_cast<std::size_t>(first.fields), std::vector<float>(lattice.sites()))
+                    : momentum_sizes<Dim, T>(lattice, all_sites(scale, x), first.fields);
   if (!has_elements(scale)) return sizes;
   sizes.resize(first.fields + oriented.momenta->options().normals.size(), std::vector<float>(sizes[0].size(), 0.0f));
   const T* values = x.data() + sparsity_[oriented.range].begin;

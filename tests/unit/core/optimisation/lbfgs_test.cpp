@@ -193,6 +193,32 @@ void expect_soft_thresholds(double tolerance) {
 TEST(Minimise, FindsSoftThresholdsWithExactZerosInDouble) { expect_soft_thresholds<double>(1e-6); }
 TEST(Minimise, FindsSoftThresholdsWithExactZerosInFloat) { expect_soft_thresholds<float>(1e-3); }
 
+// Oracle: soft thresholds, as above. With pairs of the same smooth part under another weight it gets there sooner, and
+// does not ask how long a first step should be.
+TEST(Minimise, GoesOnWithTheCurvatureOfARunWithAnotherWeight) {
+  const std::vector<double> stiffness = {1, 3, 9, 27, 81}, centre = {2, -1, 0.8, 0.6, -0.5};
+  auto function = separable<double>(stiffness, centre);
+  const auto minimised = [&](double weight, MinimiserState<double>& state) {
+    function.groups = {{0, 5, 1, weight, 1, {}}};
+    MinimiseOptions how = to_the_end();
+    how.optimality_reference = 1;
+    how.optimality_tolerance = 1e-9;
+    return minimise<double>(function, how, state, go_on).iterations;
+  };
+  MinimiserState<double> before(std::vector<double>(5, 0.0));
+  minimised(0.5, before);
+  MinimiserState<double> plain(before.x), informed(before.x);
+  informed.pairs = before.pairs;
+  ASSERT_GT(informed.pairs.size(), 2u);
+  function.step = 1e-3;
+  const int without = minimised(0.1, plain), with = minimised(0.1, informed);
+  EXPECT_LT(with, without);
+  for (std::size_t i = 0; i < 5; ++i) {
+    const double size = std::max(0.0, std::abs(centre[i]) - 0.1 / stiffness[i]);
+    EXPECT_NEAR(informed.x[i], std::copysign(size, centre[i]), 1e-7);
+  }
+}
+
 TEST(Minimise, LeavesZeroAloneWhenTheWeightHoldsEveryGroup) {
   auto objective = separable<double>({1, 1, 1, 1}, {0.3, -0.4, 0.1, 0.2});
   objective.groups = {{0, 4, 2, 0.51, 1, {}}};  // the longest gradient is 0.5

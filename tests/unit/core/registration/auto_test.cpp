@@ -143,12 +143,16 @@ TEST(AutoModel, IsSlidingThatAsksFirst) {
   options.momenta.first_order_shear = 0;
   options.momenta.regularisation_beside_first = options.momenta.regularisation;
   options.momenta.orientations = 0;
-  options.momenta.sparsity = default_options(Model::Sliding, SimilarityType::Lncc, Preset::Balanced).momenta.sparsity;
+  const RegistrationOptions of_sliding = default_options(Model::Sliding, SimilarityType::Lncc, Preset::Balanced);
+  options.momenta.sparsity = of_sliding.momenta.sparsity;
+  options.momenta.even_sparsity = of_sliding.momenta.even_sparsity;
   options.flow.map_tolerance = 0;
+  options.optimisation.tolerance = of_sliding.optimisation.tolerance;
+  options.optimisation.round_tolerance = of_sliding.optimisation.round_tolerance;
   options.optimisation.look_tolerance = 0;
   const Phantom<2> phantom = make_phantom<2>(default_phantom_options(PhantomKind::Smooth));
   const Outcome asked_nothing = outcome_of(phantom, options);
-  const Outcome sliding = outcome_of(phantom, default_options(Model::Sliding, SimilarityType::Lncc, Preset::Balanced));
+  const Outcome sliding = outcome_of(phantom, of_sliding);
   EXPECT_EQ(asked_nothing.decision, FirstOrderDecision::None);
   EXPECT_EQ(asked_nothing.error_mm, sliding.error_mm);
   EXPECT_EQ(asked_nothing.evaluations, sliding.evaluations);

@@ -5,6 +5,7 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <sstream>
 
 #include "core/registration/register_images.h"
 #include "core/support/errors.h"
@@ -95,6 +96,31 @@ TEST(Checkpoint, ResumesInAnyRoundWithTheSameEnd) {
   options.momenta.reweighted_rounds = 1;
   options.momenta.debias = true;
   resumes_anywhere<2>(plane(), options);
+}
+
+// What the first step of each round of a level leaves behind: one pair where the round began without any. It does where
+// it is the first of its level or the first in which first orders join, and everywhere where they do not wait.
+TEST(Checkpoint, HoldsTheCurvatureOfTheRoundBefore) {
+  for (bool waits : {true, false}) {
+    RegistrationOptions options = quick();
+    options.momenta.first_order_waits = waits;
+    options.momenta.reweighted_rounds = 2;
+    options.flow.coarsening = 0;
+    const RegistrationInput<2> input = plane();
+    std::vector<std::vector<std::size_t>> pairs(2);  // by level and round
+    register_images<2>(input, options, {},
+                       {.resume = {}, .offer = [&](const Progress&, const MakeCheckpoint& make) {
+                          std::istringstream in(bytes_of(make));
+                          const Checkpoint at = decode(in, job_fingerprint(input, options));
+                          if (at.minimiser.iterations() == 1)
+                            pairs.at(static_cast<std::size_t>(at.step)).push_back(at.minimiser.pairs.size());
+                        }});
+    for (const std::vector<std::size_t>& rounds : pairs) {
+      ASSERT_GE(rounds.size(), waits ? 3u : 2u);
+      for (std::size_t round = 0; round < rounds.size(); ++round)
+        EXPECT_EQ(rounds[round] > 1, waits && round > 1) << waits << ' ' << round;
+    }
+  }
 }
 
 TEST(Checkpoint, IsRefusedWhereItIsOfARoundThatThereIsNot) {

@@ -44,6 +44,21 @@ TEST(SparsityRounds, HaveNoPathWhereACoarserLevelFoundFirstOrders) {
   EXPECT_EQ(sparsity_rounds(momenta, false, true).size(), 1u);
 }
 
+TEST(SparsityRounds, BeginWithMoreSparsityOnlyWhereReweightedOnesFollow) {
+  RegistrationOptions::Momenta momenta;
+  momenta.sparsity = 1e-3;
+  momenta.sparsity_path = 2;
+  momenta.even_sparsity = 1.5;
+  momenta.reweighted_rounds = 1;
+  const auto rounds = sparsity_rounds(momenta, true, false);
+  ASSERT_EQ(rounds.size(), 3u);
+  EXPECT_EQ(rounds[0].factor, 3);
+  EXPECT_EQ(rounds[1].factor, 1.5);
+  EXPECT_EQ(rounds[2].factor, 1);
+  momenta.reweighted_rounds = 0;
+  EXPECT_EQ(sparsity_rounds(momenta, true, false).back().factor, 1);
+}
+
 /// Scales with first orders, coarsest first, each twice as fine as the one before.
 struct Scales {
   Lattice<2> lattice{{24, 20}, {1, 1}, {}};
