@@ -167,12 +167,12 @@ RegistrationOptions default_options(Model model, SimilarityType similarity, Pres
     // What is oblique has momenta of its own (core/README.md, "Sparsity").
     if (similarity == SimilarityType::Ncc && preset != Preset::Fast) o.momenta.sparsity *= 2;
     if (similarity == SimilarityType::Lncc) o.momenta.sparsity = -1;
-    if (is_correlation) {
+    if (is_correlation && preset == Preset::Balanced) {
       o.momenta.even_sparsity = 1.5;
       o.optimisation.round_tolerance = 0.1;
+      // Of the rounds with first orders: order 0 alone has look_tolerance.
+      if (similarity == SimilarityType::Lncc) o.optimisation.tolerance = 4e-2;
     }
-    // Of the rounds with first orders: order 0 alone has look_tolerance.
-    if (similarity == SimilarityType::Lncc && preset == Preset::Balanced) o.optimisation.tolerance = 4e-2;
     // Of ncc and mi, which are statistics of all that is compared, it would change the weight.
     if (similarity != SimilarityType::Ncc && similarity != SimilarityType::Mi) o.pyramid.region_margin = 4;
     o.flow.map_tolerance = preset == Preset::Fast ? 1 : preset == Preset::Balanced ? 0.4 : 0.2;
