@@ -358,7 +358,7 @@ void summarise_similarity(const MatchingLevel<Dim, float>& full, const Registrat
   const auto similarity =
       make_similarity<Dim, float>(options.similarity, lattice, options.similarity_parameters,
                                   *std::min_element(lattice.spacing.begin(), lattice.spacing.end()));
-  std::vector<float> warped, weights, gradient(sites);
+  Field<float> warped, weights, gradient(sites);
   const auto shown = [&] { return weights.empty() ? nullptr : weights.data(); };
   const auto evaluate = [&](const Displacement<Dim, float>& displacement) {
     warp_level<Dim, float>(full, displacement, warped, weights);

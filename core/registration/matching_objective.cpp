@@ -10,12 +10,12 @@
 namespace saltus {
 
 template <int Dim, class T>
-void warp_level(const MatchingLevel<Dim, T>& level, const Displacement<Dim, T>& displacement, std::vector<T>& warped,
-                std::vector<T>& weights) {
+void warp_level(const MatchingLevel<Dim, T>& level, const Displacement<Dim, T>& displacement, Field<T>& warped,
+                Field<T>& weights) {
   warped.resize(level.lattice.sites());
   warp<Dim, T>(level.moving, level.lattice, displacement, warped.data());
   if (level.moving_weights.samples.empty()) {
-    weights = level.fixed_weights;
+    weights.assign(level.fixed_weights.begin(), level.fixed_weights.end());
     return;
   }
   weights.resize(level.lattice.sites());
@@ -120,7 +120,7 @@ Evaluation MatchingObjective<Dim, T>::evaluate(const std::vector<T>& x, std::vec
 
 /// From the similarity's gradient in the warped image and the weights to the energy's in what is warped.
 template <int Dim, class T>
-void MatchingObjective<Dim, T>::scale_duals(std::vector<T>& image_dual, std::vector<T>& weight_dual) const {
+void MatchingObjective<Dim, T>::scale_duals(Field<T>& image_dual, Field<T>& weight_dual) const {
   const T weight = static_cast<T>(level_.similarity_weight);
   if (weight != 1)
     for (T& dual : image_dual) dual *= weight;
@@ -129,8 +129,8 @@ void MatchingObjective<Dim, T>::scale_duals(std::vector<T>& image_dual, std::vec
 }
 
 template <int Dim, class T>
-std::vector<WarpedDual<Dim, T>> MatchingObjective<Dim, T>::warped_duals(const std::vector<T>& image_dual,
-                                                                        const std::vector<T>& weight_dual) const {
+std::vector<WarpedDual<Dim, T>> MatchingObjective<Dim, T>::warped_duals(const Field<T>& image_dual,
+                                                                        const Field<T>& weight_dual) const {
   std::vector<WarpedDual<Dim, T>> duals = {{&level_.moving, image_dual.data()}};
   if (!weight_dual.empty()) duals.push_back({&level_.moving_weights, weight_dual.data()});
   return duals;
@@ -153,7 +153,7 @@ bool MatchingObjective<Dim, T>::noise_gradient(const std::vector<T>& x, std::vec
                                                std::vector<T>& preconditioned) {
   if (!(level_.noise > 0)) return false;
   const T sd = static_cast<T>(level_.noise);
-  std::vector<T> noisy = warped_, image_dual(warped_.size()), weight_dual(weight_dual_.size());
+  Field<T> noisy = warped_, image_dual(warped_.size()), weight_dual(weight_dual_.size());
 #pragma omp parallel for schedule(static)
   for (std::size_t i = 0; i < noisy.size(); ++i)
     noisy[i] += random_bits(0, {static_cast<std::int64_t>(i)}) & 1 ? sd : -sd;
@@ -222,10 +222,8 @@ std::vector<double> MatchingObjective<Dim, T>::hamiltonians(const std::vector<T>
   return shooting_.hamiltonians(set_.pointers(x));
 }
 
-template void warp_level(const MatchingLevel<2, float>&, const Displacement<2, float>&, std::vector<float>&,
-                         std::vector<float>&);
-template void warp_level(const MatchingLevel<3, float>&, const Displacement<3, float>&, std::vector<float>&,
-                         std::vector<float>&);
+template void warp_level(const MatchingLevel<2, float>&, const Displacement<2, float>&, Field<float>&, Field<float>&);
+template void warp_level(const MatchingLevel<3, float>&, const Displacement<3, float>&, Field<float>&, Field<float>&);
 template class MatchingObjective<2, float>;
 template class MatchingObjective<3, float>;
 template class MatchingObjective<2, double>;

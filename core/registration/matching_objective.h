@@ -37,8 +37,8 @@ struct MatchingLevel {
 
 /// The moving image and the weights (both masks; empty without masks) on the level's lattice, after `displacement`.
 template <int Dim, class T>
-void warp_level(const MatchingLevel<Dim, T>& level, const Displacement<Dim, T>& displacement, std::vector<T>& warped,
-                std::vector<T>& weights);
+void warp_level(const MatchingLevel<Dim, T>& level, const Displacement<Dim, T>& displacement, Field<T>& warped,
+                Field<T>& weights);
 
 /// E(m) = weight * E_S(I0 o psi_1, I1) + sum over scales and orders of 1/2 ||v_i(0)||^2 + divergence penalty, with its
 /// exact discrete gradient. What of m there is, and where it lies in x, is said by working_set.h.
@@ -90,9 +90,8 @@ class MatchingObjective final : public Objective<T> {
 
  private:
   Displacement<Dim, T> on_level(const Field<T>& field);
-  void scale_duals(std::vector<T>& image_dual, std::vector<T>& weight_dual) const;
-  std::vector<WarpedDual<Dim, T>> warped_duals(const std::vector<T>& image_dual,
-                                               const std::vector<T>& weight_dual) const;
+  void scale_duals(Field<T>& image_dual, Field<T>& weight_dual) const;
+  std::vector<WarpedDual<Dim, T>> warped_duals(const Field<T>& image_dual, const Field<T>& weight_dual) const;
   void pull_back(const std::vector<WarpedDual<Dim, T>>& duals, const Displacement<Dim, T>& displacement,
                  const std::vector<MomentumPointers<T>>& momenta, const std::vector<MomentumTargets<T>>& gradients,
                  const std::vector<MomentumTargets<T>>& scaled);
@@ -108,9 +107,9 @@ class MatchingObjective final : public Objective<T> {
   EnergyParts parts_;
   std::function<void(double)> on_work_;
   int polls_ = 0;
-  std::vector<T> warped_, weights_;
-  std::vector<T> image_dual_, weight_dual_;  ///< of the moving image and of its weights (empty: it has none), warped
-  Field<T> map_dual_;                        ///< on the flow's lattice
+  Field<T> warped_, weights_;
+  Field<T> image_dual_, weight_dual_;  ///< of the moving image and of its weights (empty: it has none), warped
+  Field<T> map_dual_;                  ///< on the flow's lattice
   std::vector<Field<T>> velocity_duals_;
 };
 

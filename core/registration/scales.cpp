@@ -37,7 +37,7 @@ bool is_fine(double reference_mm) { return 2 * reference_mm <= 3; }
 /// where it slides". With lncc first orders are dear in 3-D images and bring little where much else than shear is seen.
 double least_shear(int dimension, SimilarityType similarity) {
   if (dimension == 2) return 6;
-  return similarity == SimilarityType::Lncc ? 10.3 : 5.5;
+  return similarity == SimilarityType::Lncc ? 10.4 : 5.5;
 }
 
 /// With auto, whose momenta of oblique interfaces are oriented, for those along the axes; measured, core/README.md,

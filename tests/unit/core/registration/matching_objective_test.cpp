@@ -220,7 +220,7 @@ TEST(MatchingObjective, WarpsWithTheMapOfACoarserFlow) {
       }
     }
   EXPECT_GT(largest, 0.5);
-  std::vector<double> warped, weights, image_dual(level.lattice.sites());
+  Field<double> warped, weights, image_dual(level.lattice.sites());
   warp_level<2, double>(level, {displacement.data()}, warped, weights);
   EXPECT_NEAR(similarity()->evaluate(level.fixed.data(), warped.data(), nullptr, image_dual.data(), nullptr), found,
               1e-10 * found);
