@@ -49,14 +49,14 @@ template <int Dim, class T>
 typename InterfaceNormals<Dim, T>::Normals InterfaceNormals<Dim, T>::on(const Lattice<Dim>& lattice) const {
   std::vector<T> normals(Dim * lattice.sites()), strength(lattice.sites());
   const SitePlacement<Dim, T> place(lattice, lattice_);
-  Field<T> tensors(kPairs * lattice.sites());
+  const auto tensor_at = [&](const Index<Dim>& index) {
+    static constexpr T none[Dim] = {};
+    return LinearCell<Dim, T>(lattice_, place(index, none)).template value<kPairs>(tensor_.data());
+  };
 #pragma omp parallel for schedule(static)
   for (int slab = 0; slab < lattice.size[Dim - 1]; ++slab)
     visit_slab<Dim>(lattice, slab, [&](const Index<Dim>& index, std::size_t site) {
-      static constexpr T none[Dim] = {};
-      const std::array<T, kPairs> values =
-          LinearCell<Dim, T>(lattice_, place(index, none)).template value<kPairs>(tensor_.data());
-      std::copy_n(values.data(), kPairs, tensors.data() + kPairs * site);
+      const std::array<T, kPairs> values = tensor_at(index);
       for (int a = 0, k = 0; a < Dim; k += Dim - a++) strength[site] += values[static_cast<std::size_t>(k)];
     });
   // The first eigenvalue is no more than the trace and no less than its mean: where the trace shows already that a site
@@ -64,20 +64,21 @@ typename InterfaceNormals<Dim, T>::Normals InterfaceNormals<Dim, T>::on(const La
   const T largest_trace = *std::max_element(strength.begin(), strength.end());
   const T least_trace = static_cast<T>(0.99 * kLeastShare * kLeastShare / Dim) * largest_trace;
 #pragma omp parallel for schedule(static)
-  for (std::size_t site = 0; site < strength.size(); ++site) {
-    if (strength[site] < least_trace) {
-      strength[site] = 0;
-      continue;
-    }
-    Eigen::Matrix<double, Dim, Dim> tensor;
-    for (int a = 0, k = 0; a < Dim; ++a)
-      for (int b = a; b < Dim; ++b, ++k)
-        tensor(a, b) = tensor(b, a) = tensors[kPairs * site + static_cast<std::size_t>(k)];
-    Eigen::SelfAdjointEigenSolver<Eigen::Matrix<double, Dim, Dim>> solver;
-    solver.computeDirect(tensor);
-    strength[site] = static_cast<T>(std::sqrt(std::max(0.0, solver.eigenvalues()[Dim - 1])));
-    for (int a = 0; a < Dim; ++a) normals[Dim * site + a] = static_cast<T>(solver.eigenvectors()(a, Dim - 1));
-  }
+  for (int slab = 0; slab < lattice.size[Dim - 1]; ++slab)
+    visit_slab<Dim>(lattice, slab, [&](const Index<Dim>& index, std::size_t site) {
+      if (strength[site] < least_trace) {
+        strength[site] = 0;
+        return;
+      }
+      const std::array<T, kPairs> values = tensor_at(index);
+      Eigen::Matrix<double, Dim, Dim> tensor;
+      for (int a = 0, k = 0; a < Dim; ++a)
+        for (int b = a; b < Dim; ++b, ++k) tensor(a, b) = tensor(b, a) = values[static_cast<std::size_t>(k)];
+      Eigen::SelfAdjointEigenSolver<Eigen::Matrix<double, Dim, Dim>> solver;
+      solver.computeDirect(tensor);
+      strength[site] = static_cast<T>(std::sqrt(std::max(0.0, solver.eigenvalues()[Dim - 1])));
+      for (int a = 0; a < Dim; ++a) normals[Dim * site + a] = static_cast<T>(solver.eigenvectors()(a, Dim - 1));
+    });
   const T least = static_cast<T>(kLeastShare) * *std::max_element(strength.begin(), strength.end());
   std::size_t strong = 0, oblique = 0;
   for (std::size_t site = 0; site < strength.size(); ++site) {

@@ -111,7 +111,9 @@ std::size_t memory_estimate(const ImageGrid<Dim>& fixed, const ImageGrid<Dim>& m
       // Oriented momenta: normals, and a field in padded rows, at all sites, weights (and those before them) for all
       // elements. One element may join at a site that has room for one.
       if (m.orientations > 0) {
-        const double row = lattice.size[0], padded = (row + static_cast<double>(kRegisterLanes<float>)) / row;
+        // PaddedField has half a register more in a row, and an even number of rows in a plane.
+        const double padded = (1 + 0.5 * static_cast<double>(kRegisterLanes<float>) / lattice.size[0]) *
+                              (lattice.size[1] + lattice.size[1] % 2) / lattice.size[1];
         bytes += sites * ((2 + padded) * vector + 2 * m.orientations * scalar);
         unknowns += (Dim - 1) * static_cast<double>(sites_with_room(lattice, first_order_width(image, options, q),
                                                                     kElementSpacing<Dim>));

@@ -294,7 +294,7 @@ const std::vector<Parameter>& parameters() {
           "found first orders and reweighted rounds follow",
           [](O & o) -> auto& { return o.momenta.sparsity_path; }),
       real(
-          "even_sparsity", "", 0, Lower::Exclusive, 100,
+          "even_sparsity", "", 1, Lower::Inclusive, 100,
           "sparsity counts so many times in the rounds with even weights that reweighted rounds follow",
           [](O & o) -> auto& { return o.momenta.even_sparsity; }),
       integer(

@@ -261,10 +261,11 @@ void PyramidRun<Dim>::begin_round(std::size_t round) {
   const bool is_new = make_objective(rounds_[round]);
   objective_->weigh(rounds_[round], momenta);
   level_.oblique_share = objective_->working_set().oblique_share();
-  // Other weights change the sparsity term alone: what is known of the smooth part's curvature stays true. Where first
-  // orders have to find all of the motion (ssd), which opens slowly, a round that begins so ends too soon.
-  const bool is_known =
-      !is_new && round > 0 && rounds_[round - 1].lets_blocks_join && options_.momenta.first_order_waits;
+  // Other weights change the sparsity term alone, and elements turn a little at most: what is known of the smooth
+  // part's curvature remains a good model. Not one that has just found no way down; nor where first orders have to find
+  // all of the motion (ssd), which opens slowly: a round that begins so ends too soon.
+  const bool is_known = !is_new && round > 0 && rounds_[round - 1].lets_blocks_join &&
+                        options_.momenta.first_order_waits && level_.termination != Termination::LineSearchFailed;
   std::deque<CurvaturePair<Scalar>> pairs = std::move(reached_.minimiser.pairs);
   reached_.minimiser = MinimiserState<Scalar>(std::move(momenta));
   if (is_known) reached_.minimiser.pairs = std::move(pairs);

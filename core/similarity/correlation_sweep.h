@@ -30,7 +30,7 @@ struct CorrelationWindow {
   static constexpr double kRimOfPairs = 0.25;
 };
 
-/// The window of half width `radius`, in samples: three samples up to 1.5, above that cells of two, as many on each
+/// The window of half width `radius`, in samples: three samples below 1.5, else cells of two, as many on each
 /// side as half of `radius`, rounded up. With its rim a window of radius 2 is as wide as 4.5 samples (by the variance
 /// of a place in it), one of radius 4 as 8.
 inline CorrelationWindow correlation_window(double radius) {
