@@ -394,6 +394,11 @@ const std::vector<Parameter>& parameters() {
           "lncc_radius_voxels", "voxels of the level", 0.1, 16,
           "half width of the window of lncc; 0: 4 in 2-D, where a window holds fewer samples, and 2 in 3-D",
           [](O & o) -> auto& { return o.similarity_parameters.lncc_radius_voxels; }),
+      integer(
+          "lncc_cell", "voxels of the level", 0, 2,
+          "windows of lncc move by so many voxels, and are made of them; 2 takes a third of the time of 1; 0: 2 in 2-D "
+          "and 1 in 3-D",
+          [](O & o) -> auto& { return o.similarity_parameters.lncc_cell; }),
       real(
           "lncc_floor", "intensity range", 0, Lower::Exclusive, 1, "standard deviation below which a window is flat",
           [](O & o) -> auto& { return o.similarity_parameters.lncc_floor; }),

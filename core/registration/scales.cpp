@@ -37,7 +37,7 @@ bool is_fine(double reference_mm) { return 2 * reference_mm <= 3; }
 /// where it slides". With lncc first orders are dear in 3-D images and bring little where much else than shear is seen.
 double least_shear(int dimension, SimilarityType similarity) {
   if (dimension == 2) return 6;
-  return similarity == SimilarityType::Lncc ? 10.4 : 5.5;
+  return similarity == SimilarityType::Lncc ? 10.6 : 5.5;
 }
 
 /// With auto, whose momenta of oblique interfaces are oriented, for those along the axes; measured, core/README.md,
@@ -98,6 +98,7 @@ RegistrationOptions resolved(const RegistrationOptions& options, const Lattice<D
     o.momenta.finest_scale = std::min(scale, o.pyramid.levels - 1);
   }
   o.similarity_parameters.lncc_radius_voxels = lncc_radius_voxels(o.similarity_parameters, Dim);
+  o.similarity_parameters.lncc_cell = lncc_cell(o.similarity_parameters, Dim);
   if (o.momenta.regularisation == 0)
     o.momenta.regularisation = o.similarity == SimilarityType::Ssd
                                    ? (Dim == 2 ? 3e-6 : 1e-6)

@@ -30,12 +30,12 @@ struct CorrelationWindow {
   static constexpr double kRimOfPairs = 0.25;
 };
 
-/// The window of half width `radius`, in samples: three samples below 1.5, else cells of two, as many on each
-/// side as half of `radius`, rounded up. With its rim a window of radius 2 is as wide as 4.5 samples (by the variance
-/// of a place in it), one of radius 4 as 8.
-inline CorrelationWindow correlation_window(double radius) {
+/// The window of half width `radius`, in samples r once rounded and at least 1: 2 r + 1 cells of one sample, or, where
+/// r is above 1 and `cell` 2, of two samples, (r + 1) / 2 (whole) on both sides. With its rim such a window of radius 2
+/// is as wide as 4.5 samples (by the variance of a place in it), one of radius 4 as 8.
+inline CorrelationWindow correlation_window(double radius, int cell) {
   const int samples = std::max(1, static_cast<int>(std::lround(radius)));
-  return samples == 1 ? CorrelationWindow{1, 1} : CorrelationWindow{2, (samples + 1) / 2};
+  return samples == 1 || cell == 1 ? CorrelationWindow{1, samples} : CorrelationWindow{2, (samples + 1) / 2};
 }
 
 /// How the lattice is cut into cells and what windows of these are, along x, rows and planes.

@@ -15,8 +15,8 @@
 namespace saltus {
 namespace {
 
-/// Windows are made of cells, see correlation_window, and move by a cell, so that there is one for up to eight samples
-/// (3-D). It counts for all that are in its middle cell.
+/// Windows are made of cells, see correlation_window, and move by a cell: with cells of two samples there is one for up
+/// to eight (3-D). It counts for all that are in its middle cell.
 ///
 /// With window sums S of the weighted images: mean f = S_f / S_w, var f = S_ff / S_w - mean^2, and so on;
 /// q = ((var_f + e)(var_w + e))^-1/2, c = cov q. The derivative at sample y collects the windows x that hold y:
@@ -38,13 +38,13 @@ namespace {
 template <int Dim, class T>
 class LocalCorrelation final : public Similarity<Dim, T> {
  public:
-  LocalCorrelation(const Lattice<Dim>& lattice, double radius_mm, double floor)
+  LocalCorrelation(const Lattice<Dim>& lattice, double radius_mm, double floor, int cell)
       : shape_{{1, 1, 1}, {{{1, 0}, {1, 0}, {1, 0}}}, lattice.cell_volume(), floor * floor}, sites_(lattice.sites()) {
     for (int i = 0; i < Dim; ++i) {
       const std::size_t axis = i == Dim - 1 ? 2 : static_cast<std::size_t>(i);
       shape_.size[axis] = lattice.size[i];
       if (lattice.size[i] < 2) continue;
-      shape_.windows[axis] = correlation_window(radius_mm / lattice.spacing[i]);
+      shape_.windows[axis] = correlation_window(radius_mm / lattice.spacing[i], cell);
       int& radius = shape_.windows[axis].radius;
       radius = std::min(radius, shape_.cells(static_cast<int>(axis)));  // more there are not on one side
     }
@@ -142,12 +142,14 @@ class LocalCorrelation final : public Similarity<Dim, T> {
   /// Code of their own have the cells and radii along x of small windows.
   template <std::size_t Sums, std::size_t Coefficients>
   double sweep(const CorrelationScene<T>& scene) {
+    return shape_.cell(0) == 1 ? sweep<Sums, Coefficients, 1>(scene) : sweep<Sums, Coefficients, 2>(scene);
+  }
+  template <std::size_t Sums, std::size_t Coefficients, int Cell>
+  double sweep(const CorrelationScene<T>& scene) {
     const int radius = shape_.radius(0);
-    if (shape_.cell(0) == 1)
-      return radius == 1 ? sweep<Sums, Coefficients, 1, 1>(scene) : sweep<Sums, Coefficients, 1, 0>(scene);
-    return radius == 1   ? sweep<Sums, Coefficients, 2, 1>(scene)
-           : radius == 2 ? sweep<Sums, Coefficients, 2, 2>(scene)
-                         : sweep<Sums, Coefficients, 2, 0>(scene);
+    return radius == 1   ? sweep<Sums, Coefficients, Cell, 1>(scene)
+           : radius == 2 ? sweep<Sums, Coefficients, Cell, 2>(scene)
+                         : sweep<Sums, Coefficients, Cell, 0>(scene);
   }
   template <std::size_t Sums, std::size_t Coefficients, int Cell, int Along>
   double sweep(const CorrelationScene<T>& scene) {
@@ -176,14 +178,14 @@ class LocalCorrelation final : public Similarity<Dim, T> {
 }  // namespace
 
 template <int Dim, class T>
-std::unique_ptr<Similarity<Dim, T>> make_local_correlation(const Lattice<Dim>& lattice, double radius_mm,
-                                                           double floor) {
-  return std::make_unique<LocalCorrelation<Dim, T>>(lattice, radius_mm, floor);
+std::unique_ptr<Similarity<Dim, T>> make_local_correlation(const Lattice<Dim>& lattice, double radius_mm, double floor,
+                                                           int cell) {
+  return std::make_unique<LocalCorrelation<Dim, T>>(lattice, radius_mm, floor, cell);
 }
 
-template std::unique_ptr<Similarity<2, float>> make_local_correlation(const Lattice<2>&, double, double);
-template std::unique_ptr<Similarity<3, float>> make_local_correlation(const Lattice<3>&, double, double);
-template std::unique_ptr<Similarity<2, double>> make_local_correlation(const Lattice<2>&, double, double);
-template std::unique_ptr<Similarity<3, double>> make_local_correlation(const Lattice<3>&, double, double);
+template std::unique_ptr<Similarity<2, float>> make_local_correlation(const Lattice<2>&, double, double, int);
+template std::unique_ptr<Similarity<3, float>> make_local_correlation(const Lattice<3>&, double, double, int);
+template std::unique_ptr<Similarity<2, double>> make_local_correlation(const Lattice<2>&, double, double, int);
+template std::unique_ptr<Similarity<3, double>> make_local_correlation(const Lattice<3>&, double, double, int);
 
 }  // namespace saltus

@@ -8,6 +8,11 @@ double lncc_radius_voxels(const SimilarityOptions& parameters, int dimension) {
   return dimension == 2 ? 4 : 2;  // measured, core/README.md, "Windows of lncc"
 }
 
+int lncc_cell(const SimilarityOptions& parameters, int dimension) {
+  if (parameters.lncc_cell > 0) return parameters.lncc_cell;
+  return dimension == 2 ? 2 : 1;  // as the radius
+}
+
 template <int Dim, class T>
 std::unique_ptr<Similarity<Dim, T>> make_similarity(SimilarityType type, const Lattice<Dim>& lattice,
                                                     const SimilarityOptions& parameters, double level_spacing_mm) {
@@ -18,7 +23,7 @@ std::unique_ptr<Similarity<Dim, T>> make_similarity(SimilarityType type, const L
       return make_global_correlation<Dim, T>(lattice, parameters.ncc_floor);
     case SimilarityType::Lncc:
       return make_local_correlation<Dim, T>(lattice, lncc_radius_voxels(parameters, Dim) * level_spacing_mm,
-                                            parameters.lncc_floor);
+                                            parameters.lncc_floor, lncc_cell(parameters, Dim));
     case SimilarityType::Mi:
       return make_mutual_information<Dim, T>(lattice, parameters.mi_bins);
     case SimilarityType::Ngf:

@@ -13,6 +13,7 @@ struct SimilarityOptions {
   double weight = 1;              ///< multiplies the similarity
   double ncc_floor = 0.001;       ///< standard deviation below which an image is flat
   double lncc_radius_voxels = 0;  ///< half width of the windows, in voxels of the level; 0: by dimension
+  int lncc_cell = 0;              ///< samples along an axis that windows are made of and move by; 0: by dimension
   double lncc_floor = 0.01;       ///< standard deviation below which a window is flat
   int mi_bins = 32;               ///< for each image, in the joint histogram
   double ngf_edge = 0;            ///< intensity per mm below which a gradient counts little; 0: from the images

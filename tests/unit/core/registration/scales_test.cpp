@@ -82,7 +82,7 @@ TEST(ResolvedOptions, AskOfFirstOrdersWhatWasMeasured) {
   EXPECT_EQ(asked_of(SimilarityType::Ssd, plane(1)), 6);
   EXPECT_EQ(asked_of(SimilarityType::Lncc, plane(1)), 6);
   EXPECT_EQ(asked_of(SimilarityType::Ssd, block(2)), 5.5);
-  EXPECT_EQ(asked_of(SimilarityType::Lncc, block(2)), 10.4);
+  EXPECT_EQ(asked_of(SimilarityType::Lncc, block(2)), 10.6);
   RegistrationOptions asked = automatic(SimilarityType::Ssd);
   asked.momenta.first_order_shear = 0.25;
   EXPECT_EQ(resolved(asked, plane(1)).momenta.first_order_shear, 0.25);
@@ -92,6 +92,10 @@ TEST(ResolvedOptions, GiveLnccWiderWindowsInThePlane) {
   RegistrationOptions asked = automatic(SimilarityType::Lncc);
   EXPECT_EQ(resolved(asked, plane(1)).similarity_parameters.lncc_radius_voxels, 4);
   EXPECT_EQ(resolved(asked, block(1)).similarity_parameters.lncc_radius_voxels, 2);
+  EXPECT_EQ(resolved(asked, plane(1)).similarity_parameters.lncc_cell, 2);
+  EXPECT_EQ(resolved(asked, block(1)).similarity_parameters.lncc_cell, 1);
+  asked.similarity_parameters.lncc_cell = 2;
+  EXPECT_EQ(resolved(asked, block(1)).similarity_parameters.lncc_cell, 2);
   asked.similarity_parameters.lncc_radius_voxels = 3;
   EXPECT_EQ(resolved(asked, plane(1)).similarity_parameters.lncc_radius_voxels, 3);
 }

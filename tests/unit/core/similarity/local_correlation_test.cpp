@@ -21,9 +21,9 @@ struct Images {
 };
 
 double energy(const std::vector<double>& fixed, const std::vector<double>& warped, double floor,
-              const double* weights = nullptr) {
+              const double* weights = nullptr, int cell = 2) {
   std::vector<double> gradient(fixed.size());
-  return make_local_correlation<2, double>(kLattice, 3.0, floor)
+  return make_local_correlation<2, double>(kLattice, 3.0, floor, cell)
       ->evaluate(fixed.data(), warped.data(), weights, gradient.data(), nullptr);
 }
 
@@ -37,10 +37,10 @@ struct Axis {
     return by < radius || by == 0 ? 1 : by > radius ? 0 : cell == 2 ? 0.25 : 1;
   }
 };
-Axis axis_of(int size, double radius) {
+Axis axis_of(int size, double radius, int cell) {
   const int r = std::max(1, static_cast<int>(std::lround(radius)));
   if (size < 2) return {size, 1, 0};
-  return r == 1 ? Axis{size, 1, 1} : Axis{size, 2, (r + 1) / 2};
+  return r == 1 || cell == 1 ? Axis{size, 1, r} : Axis{size, 2, (r + 1) / 2};
 }
 
 /// Every window term by term, in double and two passes: the energy a volume, and what each window adds to the slopes in
@@ -104,12 +104,13 @@ TEST(LocalCorrelation, EqualsTheSumOverWindows) {
   std::vector<double> weights = testing::random_values(kLattice.sites(), 3, 0.5), ones(weights.size(), 1), unused,
                       unused_too;
   for (double& weight : weights) weight = std::max(0.0, weight + 0.3);
-  for (const std::vector<double>* w : {&ones, &weights}) {
-    const double expected = 2 * window_by_window({axis_of(14, 3), axis_of(1, 0), axis_of(11, 1.5)}, 0.05, images.fixed,
-                                                 images.warped, *w, unused, unused_too);
-    EXPECT_NEAR(energy(images.fixed, images.warped, 0.05, w == &ones ? nullptr : w->data()), expected,
-                1e-10 * expected);
-  }
+  for (int cell : {1, 2})
+    for (const std::vector<double>* w : {&ones, &weights}) {
+      const double expected = 2 * window_by_window({axis_of(14, 3, cell), axis_of(1, 0, cell), axis_of(11, 1.5, cell)},
+                                                   0.05, images.fixed, images.warped, *w, unused, unused_too);
+      EXPECT_NEAR(energy(images.fixed, images.warped, 0.05, w == &ones ? nullptr : w->data(), cell), expected,
+                  1e-10 * expected);
+    }
 }
 
 // Oracle: correlation does not know brightness and contrast; only the floor, in intensity units, does.
@@ -212,24 +213,26 @@ TEST(LocalCorrelation, WithoutWeightsIsAsWithWeightsOfOne) {
 TEST(LocalCorrelation, TilesDoNotShow) {
   struct Case {
     Index<3> size;
-    int radius;
+    int radius, cell;
   };
-  for (const Case& one : {Case{{300, 40, 5}, 7}, Case{{5, 4, 180}, 2}, Case{{900, 19, 3}, 4}}) {
+  for (const Case& one : {Case{{300, 40, 5}, 7, 2}, Case{{300, 40, 5}, 7, 1}, Case{{5, 4, 180}, 2, 2},
+                          Case{{5, 4, 180}, 2, 1}, Case{{900, 19, 3}, 4, 2}}) {
     const Lattice<3> lattice{one.size, {1, 1, 1}, {}};
     const std::vector<double> fixed = testing::random_waves<3>(lattice, 4),
                               warped = testing::random_waves<3>(lattice, 5);
     std::vector<double> weights = testing::random_values(lattice.sites(), 6, 0.4);
     for (double& weight : weights) weight = std::max(0.01, weight + 0.4);
     const std::unique_ptr<Similarity<3, double>> similarity =
-        make_local_correlation<3, double>(lattice, one.radius, 0.05);
+        make_local_correlation<3, double>(lattice, one.radius, 0.05, one.cell);
     std::vector<double> gradient(lattice.sites()), weight_gradient(lattice.sites());
     const double energy =
         similarity->evaluate(fixed.data(), warped.data(), weights.data(), gradient.data(), weight_gradient.data());
 
     std::vector<double> unused, unused_too;
-    const double expected = window_by_window(
-        {axis_of(one.size[0], one.radius), axis_of(one.size[1], one.radius), axis_of(one.size[2], one.radius)}, 0.05,
-        fixed, warped, weights, unused, unused_too);
+    const double expected =
+        window_by_window({axis_of(one.size[0], one.radius, one.cell), axis_of(one.size[1], one.radius, one.cell),
+                          axis_of(one.size[2], one.radius, one.cell)},
+                         0.05, fixed, warped, weights, unused, unused_too);
     EXPECT_NEAR(energy, expected, 1e-9 * expected);
 
     const std::vector<double> turn = testing::random_waves<3>(lattice, 7),
@@ -248,9 +251,10 @@ TEST(LocalCorrelation, TilesDoNotShow) {
 }
 
 template <class T>
-void expect_window_by_window(const Lattice<3>& lattice, double radius_mm, bool is_weighted, double tolerance) {
+void expect_window_by_window(const Lattice<3>& lattice, double radius_mm, int cell, bool is_weighted,
+                             double tolerance) {
   std::array<Axis, 3> axes;
-  for (std::size_t a = 0; a < 3; ++a) axes[a] = axis_of(lattice.size[a], radius_mm / lattice.spacing[a]);
+  for (std::size_t a = 0; a < 3; ++a) axes[a] = axis_of(lattice.size[a], radius_mm / lattice.spacing[a], cell);
   const std::vector<double> waves = testing::random_waves<3>(lattice, 4), others = testing::random_waves<3>(lattice, 5);
   const std::vector<T> fixed(waves.begin(), waves.end()), warped(others.begin(), others.end());
   std::vector<T> weights(lattice.sites(), T(1)), gradient(lattice.sites());
@@ -259,7 +263,7 @@ void expect_window_by_window(const Lattice<3>& lattice, double radius_mm, bool i
     for (std::size_t i = 0; i < weights.size(); ++i) weights[i] = static_cast<T>(std::max(0.0, some[i] + 0.3));
   }
   std::vector<T> weight_gradient(is_weighted ? lattice.sites() : 0);
-  const double energy = make_local_correlation<3, T>(lattice, radius_mm, 0.05)
+  const double energy = make_local_correlation<3, T>(lattice, radius_mm, 0.05, cell)
                             ->evaluate(fixed.data(), warped.data(), is_weighted ? weights.data() : nullptr,
                                        gradient.data(), is_weighted ? weight_gradient.data() : nullptr);
   std::vector<double> expected, expected_of_weights;
@@ -286,11 +290,14 @@ TEST(LocalCorrelation, EqualsTheSumOverWindowsForEveryWayToSumThem) {
                                          {{40, 9, 1}, {1, 1, 1}, {}},    {{403, 3, 3}, {1, 1, 1}, {}}};
   for (const Lattice<3>& lattice : lattices)
     for (int radius = 1; radius <= 6; ++radius)
-      for (bool is_weighted : {false, true}) {
-        SCOPED_TRACE(::testing::Message() << lattice.size[0] << " x " << lattice.size[1] << " x " << lattice.size[2]
-                                          << ", " << radius << (is_weighted ? ", weighted" : ""));
-        expect_window_by_window<double>(lattice, radius, is_weighted, 1e-11);
-        expect_window_by_window<float>(lattice, radius, is_weighted, 1e-5);
+      for (int way = 0; way < 4; ++way) {
+        const int cell = 1 + way / 2;
+        const bool is_weighted = way % 2 == 1;
+        SCOPED_TRACE(::testing::Message()
+                     << lattice.size[0] << " x " << lattice.size[1] << " x " << lattice.size[2] << ", " << radius
+                     << ", cells of " << cell << (is_weighted ? ", weighted" : ""));
+        expect_window_by_window<double>(lattice, radius, cell, is_weighted, 1e-11);
+        expect_window_by_window<float>(lattice, radius, cell, is_weighted, 1e-5);
       }
 }
 
@@ -328,29 +335,30 @@ TEST(LocalCorrelation, KeepsItsAccuracyFarFromZeroInLargeImages) {
 // With several threads the planes are cut into chunks, of which each makes its windows anew.
 TEST(LocalCorrelation, HasTheSameBitsForAnyNumberOfThreads) {
   const int threads = omp_get_max_threads();
-  for (const Lattice<3>& lattice :
-       {Lattice<3>{{210, 61, 70}, {1, 1, 1}, {}}, Lattice<3>{{40, 21, 150}, {1, 1, 1}, {}}}) {
-    const std::vector<double> waves = testing::random_waves<3>(lattice, 4),
-                              others = testing::random_waves<3>(lattice, 5);
-    const std::vector<float> fixed(waves.begin(), waves.end()), warped(others.begin(), others.end()),
-        weights(lattice.sites(), 0.7f);
-    for (const float* w : {static_cast<const float*>(nullptr), weights.data()}) {
-      std::vector<std::vector<float>> gradients;
-      std::vector<double> energies;
-      for (int count : {1, 2, 5}) {
-        omp_set_num_threads(count);
-        gradients.emplace_back(2 * lattice.sites());
-        energies.push_back(make_local_correlation<3, float>(lattice, 2, 0.05)
-                               ->evaluate(fixed.data(), warped.data(), w, gradients.back().data(),
-                                          w ? gradients.back().data() + lattice.sites() : nullptr));
-      }
-      omp_set_num_threads(threads);
-      for (std::size_t i = 1; i < energies.size(); ++i) {
-        EXPECT_EQ(energies[i], energies[0]);
-        EXPECT_TRUE(gradients[i] == gradients[0]);
+  for (int cell : {1, 2})
+    for (const Lattice<3>& lattice :
+         {Lattice<3>{{210, 61, 70}, {1, 1, 1}, {}}, Lattice<3>{{40, 21, 150}, {1, 1, 1}, {}}}) {
+      const std::vector<double> waves = testing::random_waves<3>(lattice, 4),
+                                others = testing::random_waves<3>(lattice, 5);
+      const std::vector<float> fixed(waves.begin(), waves.end()), warped(others.begin(), others.end()),
+          weights(lattice.sites(), 0.7f);
+      for (const float* w : {static_cast<const float*>(nullptr), weights.data()}) {
+        std::vector<std::vector<float>> gradients;
+        std::vector<double> energies;
+        for (int count : {1, 2, 5}) {
+          omp_set_num_threads(count);
+          gradients.emplace_back(2 * lattice.sites());
+          energies.push_back(make_local_correlation<3, float>(lattice, 2, 0.05, cell)
+                                 ->evaluate(fixed.data(), warped.data(), w, gradients.back().data(),
+                                            w ? gradients.back().data() + lattice.sites() : nullptr));
+        }
+        omp_set_num_threads(threads);
+        for (std::size_t i = 1; i < energies.size(); ++i) {
+          EXPECT_EQ(energies[i], energies[0]);
+          EXPECT_TRUE(gradients[i] == gradients[0]);
+        }
       }
     }
-  }
 }
 
 }  // namespace
