@@ -396,8 +396,9 @@ const std::vector<Parameter>& parameters() {
           [](O & o) -> auto& { return o.similarity_parameters.lncc_radius_voxels; }),
       integer(
           "lncc_cell", "voxels of the level", 0, 2,
-          "windows of lncc move by so many voxels, and are made of them; 2 takes a third of the time of 1; 0: 2 in 2-D "
-          "and 1 in 3-D",
+          "windows of lncc are made of cells of so many voxels a side and move by a cell; 2 takes a third of the time "
+          "and "
+          "loses some accuracy in 3-D; 0: 2 in 2-D and 1 in 3-D",
           [](O & o) -> auto& { return o.similarity_parameters.lncc_cell; }),
       real(
           "lncc_floor", "intensity range", 0, Lower::Exclusive, 1, "standard deviation below which a window is flat",

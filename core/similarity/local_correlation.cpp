@@ -1,10 +1,10 @@
-#include "core/similarity/correlation_sweep.h"
+#include "core/similarity/local_correlation_tile.h"
+#include "core/similarity/middle_values.h"
 #include "core/similarity/similarity.h"
 
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <cstdint>
 #include <optional>
 #include <tuple>
 #include <utility>
@@ -15,154 +15,111 @@
 namespace saltus {
 namespace {
 
-/// Windows are made of cells, see correlation_window, and move by a cell: with cells of two samples there is one for up
-/// to eight (3-D). It counts for all that are in its middle cell.
-///
 /// With window sums S of the weighted images: mean f = S_f / S_w, var f = S_ff / S_w - mean^2, and so on;
 /// q = ((var_f + e)(var_w + e))^-1/2, c = cov q. The derivative at sample y collects the windows x that hold y:
 ///     dc(x)/dw(y) = weight(y) / S_w(x) * ( q (f(y) - mean f) - c / (var_w + e) (w(y) - mean w) ),
-/// whose sum over x, each as often as the weight of its middle cell, is box sums of coefficients that depend on x
-/// alone. Nothing of this sees a constant that is taken off an image; both lose about their mean first, because sums
-/// are made in T and a variance small against the mean would be lost in them.
+/// whose sum over x is box sums of coefficients that depend on x alone.
+/// Nothing of this sees a constant that is taken off an image; both lose about their mean first, because sums are made
+/// in T and a variance small against the mean would be lost in them.
 ///
-/// One sweep along the last axis ("planes") does it all, so that memory sees both images and the gradient and little
-/// else: a plane of cells is taken in, which gives its sums along y; of 2 r + 1 such planes windows and their
-/// coefficients are made, those summed along x and y; and of 2 r + 1 planes of these the gradient at the samples. The
-/// lattice is swept in tiles of whole rows, whose planes are as large as a cache allows; a tile works out what its
-/// neighbours' windows need of it for itself.
+/// One sweep along the last axis ("planes") does it all, so that memory sees both images and the gradient and nothing
+/// else. For plane c of window centres two rows at a time go through the whole chain: their products are summed along
+/// z, over planes c - r to c + r; those of 2 r + 1 rows along y, these along x, and that gives the coefficients of the
+/// rows r before; these are summed along x and those of 2 r + 1 rows along y. What comes of two planes is summed along
+/// z, over 2 r + 1 planes, and ends as the gradient of the planes c - r and c - r - 1. The lattice is swept in tiles,
+/// whose planes are as large as the cache allows; a tile works out what its neighbours' windows need of it for itself.
 ///
-/// Every sum is made anew from what is in it, in the same order whatever the tile: a window that moves on, taking in a
-/// row and letting one go, would in T keep a trace of what had been in it.
+/// Every sum is made anew from what is in it: a window that moves on, taking in a row and letting one go, would in T
+/// keep a trace of what had been in it. What windows that follow each other have in common is summed once.
 ///
 /// Images of two dimensions are rows that are one plane each.
 template <int Dim, class T>
 class LocalCorrelation final : public Similarity<Dim, T> {
  public:
-  LocalCorrelation(const Lattice<Dim>& lattice, double radius_mm, double floor, int cell)
-      : shape_{{1, 1, 1}, {{{1, 0}, {1, 0}, {1, 0}}}, lattice.cell_volume(), floor * floor}, sites_(lattice.sites()) {
+  LocalCorrelation(const Lattice<Dim>& lattice, double radius_mm, double floor)
+      : shape_{{1, 1, 1}, {0, 0, 0}, lattice.cell_volume(), floor * floor}, sites_(lattice.sites()) {
     for (int i = 0; i < Dim; ++i) {
-      const std::size_t axis = i == Dim - 1 ? 2 : static_cast<std::size_t>(i);
+      const int axis = i == Dim - 1 ? 2 : i;
       shape_.size[axis] = lattice.size[i];
       if (lattice.size[i] < 2) continue;
-      shape_.windows[axis] = correlation_window(radius_mm / lattice.spacing[i], cell);
-      int& radius = shape_.windows[axis].radius;
-      radius = std::min(radius, shape_.cells(static_cast<int>(axis)));  // more there are not on one side
+      const long samples = std::max(1l, std::lround(radius_mm / lattice.spacing[i]));
+      shape_.radius[axis] = static_cast<int>(std::min(samples, static_cast<long>(lattice.size[i]) - 1));
     }
   }
 
   void prepare(const T* fixed, const T* resting, const T* weights) override {
-    middles_ = weighted_means(fixed, resting, weights);
+    middles_ = middle_values(sites_, fixed, resting, weights);
   }
 
   double evaluate(const T* fixed, const T* warped, const T* weights, T* gradient, T* weight_gradient) override {
     CorrelationScene<T> scene{fixed, warped, weights, gradient, weight_gradient, T(0), T(0)};
-    std::tie(scene.middle_fixed, scene.middle_warped) = middles_ ? *middles_ : weighted_means(fixed, warped, weights);
+    std::tie(scene.middle_fixed, scene.middle_warped) =
+        middles_ ? *middles_ : middle_values(sites_, fixed, warped, weights);
     if (weight_gradient) return sweep<6, 6>(scene);
     return weights ? sweep<6, 3>(scene) : sweep<5, 3>(scene);
   }
 
  private:
-  static constexpr std::size_t kBlock = 1024;             ///< sites, of sums that are made apart
-  static constexpr std::size_t kCacheBytes = 512 * 1024;  ///< of a second-level cache, for a tile's planes
+  static constexpr std::size_t kCacheBytes = 700 * 1024;       ///< of a second-level cache, for a tile's planes
+  static constexpr int kMostPlanes = 64;                       ///< of a tile
+  static constexpr int kMostRegisters = 768 / kRegisterBytes;  ///< of its rows: windows of them fit a first-level cache
 
-  /// Bands of rows, as high as the cache allows, and of each as many chunks of planes as keep all threads busy. Sums do
-  /// not tell where chunks end, and energies are put together band by band.
   std::vector<CorrelationTile> tiles(std::size_t sums, std::size_t coefficients) const {
     const auto cut = [](int size, int part, int parts) {
-      return IndexRange{static_cast<int>(static_cast<long>(size) * part / parts),
-                        static_cast<int>(static_cast<long>(size) * (part + 1) / parts)};
+      return SiteRange{static_cast<int>(static_cast<long>(size) * part / parts),
+                       static_cast<int>(static_cast<long>(size) * (part + 1) / parts)};
     };
-    // Of a row of cells: what CorrelationWork keeps, and both images until their gradient has been found.
-    const auto window = static_cast<std::size_t>(shape_.window(2)),
-               samples = static_cast<std::size_t>(shape_.cell(0) * shape_.cell(1) * shape_.cell(2)),
-               values = (sums + coefficients) * (window + 1) + 2 * samples * window;
-    const std::size_t bytes = static_cast<std::size_t>(shape_.cells(0)) * sizeof(T) * values;
-    const int rows = shape_.cells(1), planes = shape_.cells(2), threads = omp_get_max_threads();
-    const int least = std::max(8, 4 * shape_.radius(1));  // a tile's own rows are worth those beside it
-    const int most = static_cast<int>(std::clamp<std::size_t>(kCacheBytes / bytes, static_cast<std::size_t>(least),
-                                                              static_cast<std::size_t>(std::max(least, rows))));
-    const int bands = (rows + most - 1) / most;
-    const bool is_busy = threads == 1 || bands >= 4 * threads;
-    const int chunks = is_busy ? 1 : std::clamp(planes / (8 * shape_.window(2)), 1, 2 * threads);
+    const int width = shape_.size[0], height = shape_.size[1], planes = shape_.size[2];
+    constexpr int lanes = static_cast<int>(kRegisterLanes<T>);
+    const int registers = (width + lanes - 1) / lanes, strips = (registers + kMostRegisters - 1) / kMostRegisters;
+    // Rows that the cache holds: those of the images go beyond a tile by two radii on both sides.
+    const std::size_t row = static_cast<std::size_t>((registers + strips - 1) / strips) * kRegisterBytes;
+    const std::size_t images = row * (sums - 3) * (shape_.window(2) + 1);
+    const std::size_t both = images + row * coefficients * shape_.window(2);
+    const long bytes = static_cast<long>(kCacheBytes) - 4 * shape_.radius[1] * static_cast<long>(images);
+    const int least = std::max(8, 2 * shape_.radius[1]);  // a tile's own rows are worth those beside it
+    const int most =
+        static_cast<int>(std::clamp<long>(bytes / static_cast<long>(both), least, std::max(least, (height + 1) / 2)));
+    const int bands = (height + most - 1) / most, chunks = (planes + kMostPlanes - 1) / kMostPlanes;
     std::vector<CorrelationTile> tiles;
-    for (int band = 0; band < bands; ++band)
-      for (int chunk = 0; chunk < chunks; ++chunk)
-        tiles.push_back({cut(rows, band, bands), cut(planes, chunk, chunks), band});
+    for (int chunk = 0; chunk < chunks; ++chunk)
+      for (int band = 0; band < bands; ++band)
+        for (int strip = 0; strip < strips; ++strip) {
+          const SiteRange part = cut(registers, strip, strips);
+          tiles.push_back({{part.begin * lanes, std::min(width, part.end * lanes)},
+                           cut(height, band, bands),
+                           cut(planes, chunk, chunks)});
+        }
     return tiles;
   }
 
-  /// About those of both images, 0 when nothing is seen: any value near the mean keeps sums small, so of large images
-  /// one block in four is read, here and there, and all of them where those show nothing.
-  std::pair<T, T> weighted_means(const T* fixed, const T* warped, const T* weights) const {
-    const std::size_t blocks = (sites_ + kBlock - 1) / kBlock;
-    std::array<double, 3> sums{};
-    if (blocks >= 64)
-      sums = weighted_sums(fixed, warped, weights, blocks / 4, [](std::size_t i) {
-        return 4 * i + (static_cast<std::uint32_t>(i) * 2654435761u >> 30);  // not the same part of every row
-      });
-    if (!(sums[0] > 0)) sums = weighted_sums(fixed, warped, weights, blocks, [](std::size_t i) { return i; });
-    if (!(sums[0] > 0)) return {T(0), T(0)};
-    return {static_cast<T>(sums[1] / sums[0]), static_cast<T>(sums[2] / sums[0])};
-  }
-
-  /// Of the weights and of both images, over `count` blocks, of which `block` tells the i-th.
-  template <class Block>
-  std::array<double, 3> weighted_sums(const T* fixed, const T* warped, const T* weights, std::size_t count,
-                                      const Block& block) const {
-    std::vector<std::array<double, 3>> partial(count);  // put together in the same order for any number of threads
-#pragma omp parallel for schedule(static)
-    for (std::size_t b = 0; b < count; ++b) {
-      const std::size_t first = block(b) * kBlock, sites = std::min(kBlock, sites_ - first);
-      const T *f = fixed + first, *w = warped + first, *weight = weights ? weights + first : nullptr;
-      double all = 0, sum_f = 0, sum_w = 0;
-      if (weight) {
-#pragma omp simd reduction(+ : all, sum_f, sum_w)
-        for (std::size_t i = 0; i < sites; ++i) {
-          const double share = weight[i];
-          all += share;
-          sum_f += share > 0 ? share * double(f[i]) : 0.0;
-          sum_w += share > 0 ? share * double(w[i]) : 0.0;
-        }
-      } else {
-        all = static_cast<double>(sites);
-#pragma omp simd reduction(+ : sum_f, sum_w)
-        for (std::size_t i = 0; i < sites; ++i) {
-          sum_f += double(f[i]);
-          sum_w += double(w[i]);
-        }
-      }
-      partial[b] = {all, sum_f, sum_w};
-    }
-    std::array<double, 3> sums{};
-    for (const auto& part : partial)
-      for (std::size_t k = 0; k < 3; ++k) sums[k] += part[k];
-    return sums;
-  }
-
-  /// Code of their own have the cells and radii along x of small windows.
+  /// Code of their own have the radii along x that RowWindow knows, and the default along all axes.
   template <std::size_t Sums, std::size_t Coefficients>
   double sweep(const CorrelationScene<T>& scene) {
-    return shape_.cell(0) == 1 ? sweep<Sums, Coefficients, 1>(scene) : sweep<Sums, Coefficients, 2>(scene);
+    const std::array<int, 3>& radius = shape_.radius;
+    const bool is_same = radius[0] == radius[1] && radius[0] == radius[2];
+    switch (radius[0]) {
+      case 1:
+        return sweep<Sums, Coefficients, 1, -1>(scene);
+      case 2:
+        return is_same ? sweep<Sums, Coefficients, 2, 2>(scene) : sweep<Sums, Coefficients, 2, -1>(scene);
+      case 3:
+        return sweep<Sums, Coefficients, 3, -1>(scene);
+      case 4:
+        return sweep<Sums, Coefficients, 4, -1>(scene);
+      default:
+        return sweep<Sums, Coefficients, 0, -1>(scene);
+    }
   }
-  template <std::size_t Sums, std::size_t Coefficients, int Cell>
-  double sweep(const CorrelationScene<T>& scene) {
-    const int radius = shape_.radius(0);
-    return radius == 1   ? sweep<Sums, Coefficients, Cell, 1>(scene)
-           : radius == 2 ? sweep<Sums, Coefficients, Cell, 2>(scene)
-                         : sweep<Sums, Coefficients, Cell, 0>(scene);
-  }
-  template <std::size_t Sums, std::size_t Coefficients, int Cell, int Along>
+  template <std::size_t Sums, std::size_t Coefficients, int Along, int Across>
   double sweep(const CorrelationScene<T>& scene) {
     work_.resize(static_cast<std::size_t>(std::max(omp_get_max_threads(), static_cast<int>(work_.size()))));
     const std::vector<CorrelationTile> all = tiles(Sums, Coefficients);
-    const auto planes = static_cast<std::size_t>(shape_.cells(2));
-    std::vector<double> energies(planes * static_cast<std::size_t>(all.back().band + 1));
+    std::vector<double> energies(all.size());
 #pragma omp parallel for schedule(dynamic, 1)
     for (std::size_t i = 0; i < all.size(); ++i) {
       CorrelationWork<T>& work = work_[static_cast<std::size_t>(omp_get_thread_num())];
-      CorrelationSweep<Sums, Coefficients, Cell, Along, T>(shape_, scene, all[i], work)
-          .run(energies.data() + planes * static_cast<std::size_t>(all[i].band) +
-               static_cast<std::size_t>(all[i].planes.begin));
+      energies[i] = CorrelationSweep<Sums, Coefficients, Along, Across, T>(shape_, scene, all[i], work).run();
     }
     double energy = 0;
     for (double part : energies) energy += part;
@@ -178,14 +135,14 @@ class LocalCorrelation final : public Similarity<Dim, T> {
 }  // namespace
 
 template <int Dim, class T>
-std::unique_ptr<Similarity<Dim, T>> make_local_correlation(const Lattice<Dim>& lattice, double radius_mm, double floor,
-                                                           int cell) {
-  return std::make_unique<LocalCorrelation<Dim, T>>(lattice, radius_mm, floor, cell);
+std::unique_ptr<Similarity<Dim, T>> make_local_correlation(const Lattice<Dim>& lattice, double radius_mm,
+                                                           double floor) {
+  return std::make_unique<LocalCorrelation<Dim, T>>(lattice, radius_mm, floor);
 }
 
-template std::unique_ptr<Similarity<2, float>> make_local_correlation(const Lattice<2>&, double, double, int);
-template std::unique_ptr<Similarity<3, float>> make_local_correlation(const Lattice<3>&, double, double, int);
-template std::unique_ptr<Similarity<2, double>> make_local_correlation(const Lattice<2>&, double, double, int);
-template std::unique_ptr<Similarity<3, double>> make_local_correlation(const Lattice<3>&, double, double, int);
+template std::unique_ptr<Similarity<2, float>> make_local_correlation(const Lattice<2>&, double, double);
+template std::unique_ptr<Similarity<3, float>> make_local_correlation(const Lattice<3>&, double, double);
+template std::unique_ptr<Similarity<2, double>> make_local_correlation(const Lattice<2>&, double, double);
+template std::unique_ptr<Similarity<3, double>> make_local_correlation(const Lattice<3>&, double, double);
 
 }  // namespace saltus

@@ -22,8 +22,10 @@ std::unique_ptr<Similarity<Dim, T>> make_similarity(SimilarityType type, const L
     case SimilarityType::Ncc:
       return make_global_correlation<Dim, T>(lattice, parameters.ncc_floor);
     case SimilarityType::Lncc:
-      return make_local_correlation<Dim, T>(lattice, lncc_radius_voxels(parameters, Dim) * level_spacing_mm,
-                                            parameters.lncc_floor, lncc_cell(parameters, Dim));
+      return (lncc_cell(parameters, Dim) == 2
+                  ? make_cell_correlation<Dim, T>
+                  : make_local_correlation<Dim, T>)(lattice, lncc_radius_voxels(parameters, Dim) * level_spacing_mm,
+                                                    parameters.lncc_floor);
     case SimilarityType::Mi:
       return make_mutual_information<Dim, T>(lattice, parameters.mi_bins);
     case SimilarityType::Ngf:

@@ -39,13 +39,16 @@ std::unique_ptr<Similarity<Dim, T>> make_global_correlation(const Lattice<Dim>& 
 /// Integral of 1 - c with the un-squared local correlation c = cov / sqrt((var_f + floor^2) (var_w + floor^2)) over box
 /// windows of half width about `radius_mm`. In [0, 2] per mm^Dim. The floor, in intensity units, keeps flat windows at
 /// c = 0 with a finite gradient. A window whose weights sum to less than 1e-6 sees nothing: c = 0 there.
-/// With r = radius / spacing, rounded and at least 1, windows have 2 r + 1 samples along an axis, one around each. With
-/// `cell` 2 they are made of cells of two samples along axes where r is above 1, (r + 1) / 2 (whole) on both sides of
-/// the middle one, of which the outermost count a quarter; they move by a cell and count for all samples that are in
-/// its middle one. prepare finds about where the images' values are; without it each evaluation does.
+/// With r = radius / spacing, rounded and at least 1, windows have 2 r + 1 samples along an axis, one around each. Cost
+/// grows with the radius. prepare finds about where the images' values are; without it each evaluation does.
 template <int Dim, class T>
-std::unique_ptr<Similarity<Dim, T>> make_local_correlation(const Lattice<Dim>& lattice, double radius_mm, double floor,
-                                                           int cell = 1);
+std::unique_ptr<Similarity<Dim, T>> make_local_correlation(const Lattice<Dim>& lattice, double radius_mm, double floor);
+
+/// The same for windows that are made of cells of two samples along axes where r is above 1, (r + 1) / 2 (whole) on
+/// both sides of the middle one, of which the outermost count a quarter. They move by a cell and count for all samples
+/// that are in its middle one, so that this takes a third of the time in 3-D, and hardly more where they are wide.
+template <int Dim, class T>
+std::unique_ptr<Similarity<Dim, T>> make_cell_correlation(const Lattice<Dim>& lattice, double radius_mm, double floor);
 
 /// Minus the volume of the lattice (sum of the weights) times the mutual information of the images, in nats, from a
 /// joint Parzen histogram of `bins` x `bins` (at least 8): hat windows for the fixed image, cubic B-splines for the

@@ -132,7 +132,8 @@ class Scene {
     // sums of five quantities and three coefficients (two sums and a product along each axis where cells have two
     // samples, one for eight; four sums where they have one) and about forty operations to make the coefficients.
     for (int cell : {1, 2}) {
-      similarities_.push_back(make_local_correlation<3, float>(lattice_, 2.0, 0.01, cell));
+      similarities_.push_back(
+          (cell == 1 ? make_local_correlation<3, float> : make_cell_correlation<3, float>)(lattice_, 2.0, 0.01));
       Similarity<3, float>* similarity = similarities_.back().get();
       similarity->prepare(fixed_.data(), image_.samples.data(), nullptr);
       const double cells = cell == 1 ? 1 : 1.0 / 8, along = cell == 1 ? 4 : 3;

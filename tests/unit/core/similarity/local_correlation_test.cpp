@@ -14,6 +14,12 @@
 namespace saltus {
 namespace {
 
+/// Windows around each sample, or of cells of two.
+template <int Dim, class T>
+auto make(int cell) {
+  return cell == 2 ? make_cell_correlation<Dim, T> : make_local_correlation<Dim, T>;
+}
+
 const Lattice<2> kLattice{{14, 11}, {1.0, 2.0}, {}};
 
 struct Images {
@@ -23,7 +29,7 @@ struct Images {
 double energy(const std::vector<double>& fixed, const std::vector<double>& warped, double floor,
               const double* weights = nullptr, int cell = 2) {
   std::vector<double> gradient(fixed.size());
-  return make_local_correlation<2, double>(kLattice, 3.0, floor, cell)
+  return make<2, double>(cell)(kLattice, 3.0, floor)
       ->evaluate(fixed.data(), warped.data(), weights, gradient.data(), nullptr);
 }
 
@@ -140,7 +146,7 @@ TEST(LocalCorrelation, GivesNoCorrelationToFlatWindowsInFloat) {
   for (float level : {0.0f, 0.3f, 1.0f, -1.7f}) {
     const std::vector<float> fixed(lattice.sites(), level), warped(lattice.sites(), 1 - level);
     std::vector<float> gradient(lattice.sites());
-    const double per_voxel = make_local_correlation<3, float>(lattice, 3.0, 0.01)
+    const double per_voxel = make<3, float>(2)(lattice, 3.0, 0.01)
                                  ->evaluate(fixed.data(), warped.data(), nullptr, gradient.data(), nullptr) /
                              lattice.sites();
     EXPECT_NEAR(per_voxel, 1, 0.02) << level;
@@ -222,8 +228,7 @@ TEST(LocalCorrelation, TilesDoNotShow) {
                               warped = testing::random_waves<3>(lattice, 5);
     std::vector<double> weights = testing::random_values(lattice.sites(), 6, 0.4);
     for (double& weight : weights) weight = std::max(0.01, weight + 0.4);
-    const std::unique_ptr<Similarity<3, double>> similarity =
-        make_local_correlation<3, double>(lattice, one.radius, 0.05, one.cell);
+    const std::unique_ptr<Similarity<3, double>> similarity = make<3, double>(one.cell)(lattice, one.radius, 0.05);
     std::vector<double> gradient(lattice.sites()), weight_gradient(lattice.sites());
     const double energy =
         similarity->evaluate(fixed.data(), warped.data(), weights.data(), gradient.data(), weight_gradient.data());
@@ -263,7 +268,7 @@ void expect_window_by_window(const Lattice<3>& lattice, double radius_mm, int ce
     for (std::size_t i = 0; i < weights.size(); ++i) weights[i] = static_cast<T>(std::max(0.0, some[i] + 0.3));
   }
   std::vector<T> weight_gradient(is_weighted ? lattice.sites() : 0);
-  const double energy = make_local_correlation<3, T>(lattice, radius_mm, 0.05, cell)
+  const double energy = make<3, T>(cell)(lattice, radius_mm, 0.05)
                             ->evaluate(fixed.data(), warped.data(), is_weighted ? weights.data() : nullptr,
                                        gradient.data(), is_weighted ? weight_gradient.data() : nullptr);
   std::vector<double> expected, expected_of_weights;
@@ -348,7 +353,7 @@ TEST(LocalCorrelation, HasTheSameBitsForAnyNumberOfThreads) {
         for (int count : {1, 2, 5}) {
           omp_set_num_threads(count);
           gradients.emplace_back(2 * lattice.sites());
-          energies.push_back(make_local_correlation<3, float>(lattice, 2, 0.05, cell)
+          energies.push_back(make<3, float>(cell)(lattice, 2, 0.05)
                                  ->evaluate(fixed.data(), warped.data(), w, gradients.back().data(),
                                             w ? gradients.back().data() + lattice.sites() : nullptr));
         }

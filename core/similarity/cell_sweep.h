@@ -6,23 +6,17 @@
 #include <cstddef>
 #include <cstdlib>
 
-#include "core/similarity/row_window.h"
+#include "core/similarity/rimmed_row_window.h"
+#include "core/similarity/site_range.h"
 #include "core/support/line_vector.h"
 #include "core/support/registers.h"
 
 namespace saltus {
 
-/// What local_correlation.cpp works out, for one tile of the lattice; see there for the sums and coefficients.
-
-struct IndexRange {
-  int begin = 0, end = 0;
-  bool holds(int i) const { return begin <= i && i < end; }
-  IndexRange grown(int by, int size) const { return {std::max(0, begin - by), std::min(size, end + by)}; }
-  int count() const { return end - begin; }
-};
+/// What cell_correlation.cpp works out, for one tile of the lattice; see there for the sums and coefficients.
 
 /// A window along one axis: so many cells on both sides of its middle cell.
-struct CorrelationWindow {
+struct CellWindow {
   int cell = 1;                                               ///< samples of a cell: 1 or 2
   int radius = 1;                                             ///< cells
   double rim() const { return cell == 2 ? kRimOfPairs : 1; }  ///< how much the outermost cells count
@@ -30,19 +24,19 @@ struct CorrelationWindow {
   static constexpr double kRimOfPairs = 0.25;
 };
 
-/// The window of half width `radius`, in samples r once rounded and at least 1: 2 r + 1 cells of one sample, or, where
-/// r is above 1 and `cell` 2, of two samples, (r + 1) / 2 (whole) on both sides. With its rim such a window of radius 2
-/// is as wide as 4.5 samples (by the variance of a place in it), one of radius 4 as 8.
-inline CorrelationWindow correlation_window(double radius, int cell) {
+/// The window of half width `radius`, in samples r once rounded and at least 1: three cells of one sample where r is 1,
+/// else (r + 1) / 2 (whole) cells of two samples on both sides. With its rim such a window of radius 2 is as wide
+/// as 4.5 samples (by the variance of a place in it), one of radius 4 as 8.
+inline CellWindow cell_window(double radius) {
   const int samples = std::max(1, static_cast<int>(std::lround(radius)));
-  return samples == 1 || cell == 1 ? CorrelationWindow{1, samples} : CorrelationWindow{2, (samples + 1) / 2};
+  return samples == 1 ? CellWindow{1, 1} : CellWindow{2, (samples + 1) / 2};
 }
 
 /// How the lattice is cut into cells and what windows of these are, along x, rows and planes.
-struct CorrelationShape {
-  std::array<int, 3> size;                   ///< samples
-  std::array<CorrelationWindow, 3> windows;  ///< of radius 0 along an axis of one cell
-  double volume = 1, floor2 = 0;             ///< of a sample; the floor squared
+struct CellShape {
+  std::array<int, 3> size;            ///< samples
+  std::array<CellWindow, 3> windows;  ///< of radius 0 along an axis of one sample
+  double volume = 1, floor2 = 0;      ///< of a sample; the floor squared
 
   int cell(int axis) const { return windows[static_cast<std::size_t>(axis)].cell; }
   int radius(int axis) const { return windows[static_cast<std::size_t>(axis)].radius; }
@@ -64,22 +58,22 @@ struct CorrelationShape {
 };
 
 template <class T>
-struct CorrelationScene {
+struct CellScene {
   const T *fixed, *warped, *weights;
   T *gradient, *weight_gradient;
   T middle_fixed, middle_warped;
 };
 
 /// Cells that one sweep is for: whole rows of them.
-struct CorrelationTile {
-  IndexRange rows, planes;
+struct CellTile {
+  SiteRange rows, planes;
   int band = 0;  ///< of rows
 };
 
 /// What a thread keeps of the tile it is at. Rows of quantities are one stream: of each register of cells all
 /// quantities, then the next register.
 template <class T>
-struct CorrelationWork {
+struct CellWork {
   LineVector<T> products;                      ///< of the cells of a plane
   LineVector<T> product_planes;                ///< summed along y, of the planes of a window
   LineVector<T> cell_weights;                  ///< of the same planes
@@ -95,10 +89,9 @@ struct CorrelationWork {
 /// `Cell`: samples of a cell along x. `Along`: the radius of windows along x; 0 when rows are summed beforehand, or
 /// need not be.
 template <std::size_t Sums, std::size_t Coefficients, int Cell, int Along, class T>
-class CorrelationSweep {
+class CellSweep {
  public:
-  CorrelationSweep(const CorrelationShape& shape, const CorrelationScene<T>& scene, const CorrelationTile& tile,
-                   CorrelationWork<T>& work)
+  CellSweep(const CellShape& shape, const CellScene<T>& scene, const CellTile& tile, CellWork<T>& work)
       : shape_(shape), scene_(scene), tile_(tile), work_(work) {
     registers_ = (static_cast<std::size_t>(shape.cells(0)) + kLanes - 1) / kLanes;
     margin_ = (static_cast<std::size_t>(shape.radius(0)) + kLanes - 1) / kLanes;
@@ -126,7 +119,7 @@ class CorrelationSweep {
   static constexpr std::size_t kLanes = kRegisterLanes<T>;
   static constexpr bool kIsWeighted = Sums == 6;
   template <std::size_t Quantities>
-  using Window = RowWindow<Along, Quantities, T>;
+  using Window = RimmedRowWindow<Along, Quantities, T>;
 
   void set_up_work() {
     const auto planes = static_cast<std::size_t>(shape_.window(2));
@@ -160,7 +153,7 @@ class CorrelationSweep {
   /// Values of a row of so many quantities.
   std::size_t length(std::size_t quantities) const { return registers_ * kLanes * quantities; }
   std::size_t slot(int plane) const { return static_cast<std::size_t>(plane % shape_.window(2)); }
-  T* row_of(LineVector<T>& planes, const IndexRange& rows, int row, int plane, std::size_t quantities) const {
+  T* row_of(LineVector<T>& planes, const SiteRange& rows, int row, int plane, std::size_t quantities) const {
     return planes.data() +
            (slot(plane) * static_cast<std::size_t>(rows.count()) + static_cast<std::size_t>(row - rows.begin)) *
                length(quantities);
@@ -199,9 +192,9 @@ class CorrelationSweep {
   template <class Row>
   [[gnu::always_inline]] void add_window(int axis, int at, std::size_t length, const Row& row, T* to) const {
     const int radius = shape_.radius(axis);
-    const IndexRange inside = IndexRange{at, at + 1}.grown(radius, shape_.cells(axis));
+    const SiteRange inside = SiteRange{at, at + 1}.grown(radius, shape_.cells(axis));
     const T rim = static_cast<T>(shape_.rim(axis));
-    if (radius == 1 && inside.count() == 3) {  // the default's
+    if (radius == 1 && inside.count() == 3) {  // in one go
       const T *before = row(at - 1), *here = row(at), *after = row(at + 1);
       for (std::size_t i = 0; i < length; i += kLanes)
         store<T>(load(here + i) + rim * (load(before + i) + load(after + i)), to + i);
@@ -292,7 +285,7 @@ class CorrelationSweep {
     if (Along == 0 && shape_.radius(0) > 0) sum_wide<Quantities>(row);
     return {row, static_cast<T>(shape_.rim(0))};
   }
-  /// In place, over windows that RowWindow does not know.
+  /// In place, over windows that RimmedRowWindow does not know.
   template <std::size_t Quantities>
   void sum_wide(T* row) {
     const std::size_t count = registers_ * kLanes, margin = margin_ * kLanes;
@@ -343,7 +336,7 @@ class CorrelationSweep {
     }
   }
 
-  /// Of a register of windows; see local_correlation.cpp. `inverse` and `root` are those of the product of variances.
+  /// Of a register of windows; see cell_correlation.cpp. `inverse` and `root` are those of the product of variances.
   struct Moments {
     Lanes share, weight, seen, mean_f, mean_w, v_f, v_w, var_f, var_w, cov, inverse, root;
   };
@@ -485,13 +478,13 @@ class CorrelationSweep {
     if constexpr (Cell == 2) s[1][k] = doubled<1, T>(cells);
   }
 
-  const CorrelationShape& shape_;
-  const CorrelationScene<T> scene_;
-  const CorrelationTile tile_;
-  CorrelationWork<T>& work_;
-  std::size_t registers_, margin_;         ///< of a row of cells, and of what is 0 on both sides of it
-  IndexRange window_rows_, product_rows_;  ///< of cells: whose windows the tile's samples are in, and what these hold
-  IndexRange windows_, products_;          ///< the same of planes
+  const CellShape& shape_;
+  const CellScene<T> scene_;
+  const CellTile tile_;
+  CellWork<T>& work_;
+  std::size_t registers_, margin_;        ///< of a row of cells, and of what is 0 on both sides of it
+  SiteRange window_rows_, product_rows_;  ///< of cells: whose windows the tile's samples are in, and what these hold
+  SiteRange windows_, products_;          ///< the same of planes
   std::array<T, kLanes> ones_;
   double* energies_ = nullptr;
 };
