@@ -127,30 +127,32 @@ class Scene {
     list.push_back({"its transpose", (1 + 0.125) * kVector, values * 4,
                     [=, this] { between->transpose(vectors_.data(), more_.data()); }});
 
-    // Both images read, the gradient written. At each sample the means of both are taken off, three products are made
-    // and five values added to their cell's; later the means again, two products and two sums. For each cell window
-    // sums of five quantities and three coefficients (two sums and a product along each axis where cells have two
-    // samples, one for eight; four sums where they have one) and about forty operations to make the coefficients.
+    // Both images read, the gradient written. Windows around each sample: six products, window sums of those and of
+    // three coefficients (a sum and a difference along each axis), and about forty operations to make the coefficients
+    // and the gradient of them. Windows of cells: at each sample the means of both are taken off, three products are
+    // made and five values added to their cell's; later the means again, two products and two sums. For each cell, one
+    // for eight samples, window sums of five quantities and three coefficients (two sums and a product along each
+    // axis), and about forty operations to make these.
     for (int cell : {1, 2}) {
       similarities_.push_back(
           (cell == 1 ? make_local_correlation<3, float> : make_cell_correlation<3, float>)(lattice_, 2.0, 0.01));
       Similarity<3, float>* similarity = similarities_.back().get();
       similarity->prepare(fixed_.data(), image_.samples.data(), nullptr);
-      const double cells = cell == 1 ? 1 : 1.0 / 8, along = cell == 1 ? 4 : 3;
-      const std::string name = "local correlation, cells of " + std::to_string(cell);
-      list.push_back(
-          {name, 3 * kScalar, (2 + 3 + (cell - 1) * 5 + 2 + 4) + ((5 + 3) * 3 * along + 40) * cells, [=, this] {
-             similarity->evaluate(fixed_.data(), image_.samples.data(), nullptr, scalar_.data(), nullptr);
-           }});
+      const double operations =
+          cell == 1 ? 6 + (6 + 3) * 3 * 2 + 40 : (2 + 3 + 5 + 2 + 4) + ((5 + 3) * 3 * 3 + 40) / 8.0;
+      const std::string name =
+          std::string("local correlation, windows ") + (cell == 1 ? "around each sample" : "of cells");
+      list.push_back({name, 3 * kScalar, operations, [=, this] {
+                        similarity->evaluate(fixed_.data(), image_.samples.data(), nullptr, scalar_.data(), nullptr);
+                      }});
       if (cell == 1) continue;
       // With a mask and the gradient with respect to it: two products and a sum more of each sample, six coefficients,
       // and ten operations more for each gradient.
       weights_.assign(sites_, 1);
-      list.push_back({name + ", with a mask", 5 * kScalar,
-                      (2 + 3 + 5 + 3 + 2 + 5 + 10) + ((6 + 6) * 3 * along + 70) * cells, [=, this] {
-                        similarity->evaluate(fixed_.data(), image_.samples.data(), weights_.data(), scalar_.data(),
-                                             more_.data());
-                      }});
+      list.push_back(
+          {name + ", with a mask", 5 * kScalar, (2 + 3 + 5 + 3 + 2 + 5 + 10) + ((6 + 6) * 3 * 3 + 70) / 8.0, [=, this] {
+             similarity->evaluate(fixed_.data(), image_.samples.data(), weights_.data(), scalar_.data(), more_.data());
+           }});
     }
     return list;
   }
