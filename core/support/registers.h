@@ -5,10 +5,6 @@
 #include <cstring>
 #include <utility>
 
-#ifdef __AVX512F__
-#include <immintrin.h>
-#endif
-
 namespace saltus {
 
 // For sources of the core alone: what is compiled for another processor sees other registers.
@@ -59,20 +55,27 @@ template <class T>
 }
 
 /// The first `count` values alone, or all if that is more; no other is read or written.
-#ifdef __AVX512F__
-[[gnu::always_inline]] inline Register<float> load_first(std::size_t count, const float* from, float other) {
-  return _mm512_mask_loadu_ps(_mm512_set1_ps(other), static_cast<__mmask16>(count < 16 ? (1u << count) - 1 : 0xffff),
-                              from);
+#if defined(__AVX512F__) && defined(__has_builtin) && __has_builtin(__builtin_ia32_loadups512_mask) && \
+    __has_builtin(__builtin_ia32_storeups512_mask)
+template <class T>
+[[gnu::always_inline]] inline unsigned first_lanes(std::size_t count) {
+  return count < kRegisterLanes<T> ? (1u << count) - 1 : (1u << kRegisterLanes<T>)-1;
 }
-[[gnu::always_inline]] inline Register<double> load_first(std::size_t count, const double* from, double other) {
-  return _mm512_mask_loadu_pd(_mm512_set1_pd(other), static_cast<__mmask8>(count < 8 ? (1u << count) - 1 : 0xff), from);
+template <class T>
+[[gnu::always_inline]] inline Register<T> load_first(std::size_t count, const T* from, T other) {
+  const unsigned lanes = first_lanes<T>(count);
+  if constexpr (sizeof(T) == 4)
+    return __builtin_ia32_loadups512_mask(from, Register<T>{} + other, static_cast<unsigned short>(lanes));
+  else
+    return __builtin_ia32_loadupd512_mask(from, Register<T>{} + other, static_cast<unsigned char>(lanes));
 }
 template <class T>
 [[gnu::always_inline]] inline void store_first(std::size_t count, const Register<T>& values, T* to) {
+  const unsigned lanes = first_lanes<T>(count);
   if constexpr (sizeof(T) == 4)
-    _mm512_mask_storeu_ps(to, static_cast<__mmask16>(count < 16 ? (1u << count) - 1 : 0xffff), values);
+    __builtin_ia32_storeups512_mask(to, values, static_cast<unsigned short>(lanes));
   else
-    _mm512_mask_storeu_pd(to, static_cast<__mmask8>(count < 8 ? (1u << count) - 1 : 0xff), values);
+    __builtin_ia32_storeupd512_mask(to, values, static_cast<unsigned char>(lanes));
 }
 #else
 template <class T>
