@@ -72,9 +72,10 @@ struct CurvaturePair {
 };
 
 /// Where a minimisation stands after an accepted step, or, with x alone (or with pairs of the same unknowns, from an
-/// energy whose curvature was much like this one's), before it begins: all that it needs to go on as if it had never been interrupted, bit by bit.
-/// Memory: 2 vectors of the size of x and one of what lies outside the sparsity ranges, while it minimises 2 more of
-/// the first and one more of the second; and of the pairs 2 * history and history, of half as many bytes for float.
+/// energy whose curvature was much like this one's), before it begins: all that it needs to go on as if it had never
+/// been interrupted, bit by bit. Memory: 2 vectors of the size of x and one of what lies outside the sparsity ranges,
+/// while it minimises 2 more of the first and one more of the second; and of the pairs 2 * history and history, of half
+/// as many bytes for float.
 template <class T>
 struct MinimiserState {
   MinimiserState() = default;
