@@ -6,8 +6,10 @@
 
 #include <algorithm>
 #include <array>
+#include <bit>
 #include <cmath>
 #include <cstring>
+#include <type_traits>
 #include <utility>
 #include <vector>
 
@@ -138,8 +140,12 @@ template <int Dim, class T, class Lanes>
 [[gnu::always_inline]] inline void visit_lanes(const Lattice<Dim>& lattice, const std::array<T, Dim>& reaches,
                                                const ElementPlacement<Dim, T>& place, int begin, int end,
                                                Lanes&& lanes) {
-  constexpr int kRows = 16;  // whose ends are found together
-  constexpr int kWidth = kTileWidth<T>;
+  constexpr int kWidth = kTileWidth<T>, kShift = std::bit_width(static_cast<unsigned>(kWidth)) - 1;
+  // The tiles of as many pairs of rows as a register has lanes are found together: where they begin, and how many. Row
+  // by row that took as long as all that lanes() does.
+  using Pairs = Register<T>;
+  using WholePairs = decltype(Pairs{} < Pairs{});
+  constexpr int kPairs = static_cast<int>(kRegisterLanes<T>);
   // Nothing else than finite places can be on the lattice.
   if (!place.at.allFinite() || !place.axes.allFinite()) return;
   Index<Dim> low, high;  // sites of the box around it, high excluded
@@ -156,66 +162,69 @@ template <int Dim, class T, class Lanes>
     high[a] = static_cast<int>(std::min(last, to));
   }
   low[1] -= low[1] % 2;
-  const T h = static_cast<T>(lattice.spacing[0]);
-  T step[Dim], per_step[Dim];  // 0: what divides by nearly nothing bounds no row
-  Register<T> beside[Dim];     // from the first lane
+  const T h = static_cast<T>(lattice.spacing[0]), spacing = static_cast<T>(lattice.spacing[1]);
+  T step[Dim], per_step[Dim], to_next_row[Dim];  // 0: what divides by nearly nothing bounds no row
+  Register<T> beside[Dim];                       // from the first lane
   for (int k = 0; k < Dim; ++k) {
     step[k] = place.axes(k, 0) * h;
     per_step[k] = std::abs(step[k]) < T(1e-3) * h ? T(0) : 1 / step[k];
-    const T to_next_row = place.axes(k, 1) * static_cast<T>(lattice.spacing[1]);
+    to_next_row[k] = place.axes(k, 1) * spacing;
     T lanes_beside[2 * kWidth];
     for (int i = 0; i < 2 * kWidth; ++i)
-      lanes_beside[i] = static_cast<T>(i % kWidth) * step[k] + static_cast<T>(i / kWidth) * to_next_row;
+      lanes_beside[i] = static_cast<T>(i % kWidth) * step[k] + static_cast<T>(i / kWidth) * to_next_row[k];
     beside[k] = load<T>(lanes_beside);
   }
+  Pairs rows;  // that come before the first one of each pair
+  for (int i = 0; i < kPairs; ++i) rows[i] = static_cast<T>(2 * i);
   const std::size_t row = PaddedField<Dim, T>::row(lattice);
   const int planes_begin = Dim == 3 ? low[Dim - 1] : 0, planes_end = Dim == 3 ? high[Dim - 1] : 1;
+  const T low_x = static_cast<T>(low[0]), high_x = static_cast<T>(high[0] - 1);
   for (int z = planes_begin; z < planes_end; ++z) {
     T of_plane[Dim];  // along the axes at x = y = 0
     for (int k = 0; k < Dim; ++k) {
       of_plane[k] = -place.axes(k, 0) * centre[0];
       if constexpr (Dim == 3) of_plane[k] += place.axes(k, 2) * (static_cast<T>(z * lattice.spacing[2]) - centre[2]);
     }
-    for (int y = low[1]; y < high[1]; y += kRows) {
-      T across[Dim][kRows];  // along the axes at x = 0 of each row
-      T least[kRows], most[kRows];
-      for (int i = 0; i < kRows; ++i) {
-        least[i] = static_cast<T>(low[0]);
-        most[i] = static_cast<T>(high[0] - 1);
-      }
-      const T spacing = static_cast<T>(lattice.spacing[1]);
+    for (int y = low[1]; y < high[1]; y += 2 * kPairs) {
+      Pairs across[Dim];  // along the axes at x = 0 of the first row of each
+      Pairs least[2] = {Pairs{} + low_x, Pairs{} + low_x}, most[2] = {Pairs{} + high_x, Pairs{} + high_x};  // by row
       for (int k = 0; k < Dim; ++k) {
-        const T reach = reaches[static_cast<std::size_t>(k)];
-#pragma omp simd
-        for (int i = 0; i < kRows; ++i)
-          across[k][i] = of_plane[k] + place.axes(k, 1) * (static_cast<T>(y + i) * spacing - centre[1]);
+        across[k] = of_plane[k] + place.axes(k, 1) * ((static_cast<T>(y) + rows) * spacing - centre[1]);
         if (per_step[k] == T(0)) continue;
-          // |across + step x| <= reach
-#pragma omp simd
-        for (int i = 0; i < kRows; ++i) {
-          const T one = (-reach - across[k][i]) * per_step[k], other = (reach - across[k][i]) * per_step[k];
-          const T smaller = one < other ? one : other, larger = one < other ? other : one;
-          least[i] = least[i] > smaller ? least[i] : smaller;
-          most[i] = most[i] < larger ? most[i] : larger;
+        // |across + step x| <= reach
+        const T reach = std::abs(reaches[static_cast<std::size_t>(k)] * per_step[k]);
+        for (int of_pair = 0; of_pair < 2; ++of_pair) {
+          const Pairs middle = (across[k] + static_cast<T>(of_pair) * to_next_row[k]) * -per_step[k];
+          const Pairs from = middle - reach, to = middle + reach;
+          least[of_pair] = least[of_pair] > from ? least[of_pair] : from;
+          most[of_pair] = most[of_pair] < to ? most[of_pair] : to;
         }
       }
-      int first[kRows], last[kRows];
-#pragma omp simd
-      for (int i = 0; i < kRows; ++i) {
+      for (int of_pair = 0; of_pair < 2; ++of_pair) {
         // Rounding may take a site at the ends of a row away, where the shape is next to nothing.
-        const bool is_empty = !(least[i] <= most[i] + 1);
-        first[i] = is_empty ? high[0] : static_cast<int>(std::floor(least[i]));
-        last[i] = is_empty ? -1 : static_cast<int>(std::ceil(most[i]));
+        const WholePairs is_there = least[of_pair] <= most[of_pair] + 1;
+        least[of_pair] = is_there ? least[of_pair] : Pairs{} + (high_x + 1);
+        most[of_pair] = is_there ? most[of_pair] : Pairs{} - 1;
       }
-      const int rows = std::min(kRows, high[1] - y);
-      for (int i = 0; i < rows; i += 2) {
-        const int begin_x = std::max(std::min(first[i], first[i + 1]), low[0]),
-                  end_x = std::min(std::max(last[i], last[i + 1]), high[0] - 1);
-        std::size_t at = row * static_cast<std::size_t>(y + i) + static_cast<std::size_t>(begin_x);
-        if constexpr (Dim == 3) at += row * PaddedField<Dim, T>::rows_of_plane(lattice) * static_cast<std::size_t>(z);
+      const Pairs first = least[0] < least[1] ? least[0] : least[1], last = most[0] > most[1] ? most[0] : most[1];
+      const WholePairs first_x = __builtin_convertvector(first, WholePairs),
+                       reached = __builtin_convertvector(last + T(0.999), WholePairs),
+                       last_x = reached < high[0] - 1 ? reached : WholePairs{} + (high[0] - 1),
+                       tiles = (last_x - first_x + kWidth) >> kShift;
+      T places[Dim][kPairs];  // of the first lane
+      for (int k = 0; k < Dim; ++k)
+        store<T>(across[k] + step[k] * __builtin_convertvector(first_x, Pairs), places[k]);
+      std::array<std::remove_cvref_t<decltype(first_x[0])>, kPairs> begins, counts;
+      std::memcpy(begins.data(), &first_x, sizeof first_x);
+      std::memcpy(counts.data(), &tiles, sizeof tiles);
+      std::size_t of_row = row * static_cast<std::size_t>(y);
+      if constexpr (Dim == 3) of_row += row * PaddedField<Dim, T>::rows_of_plane(lattice) * static_cast<std::size_t>(z);
+      const std::size_t pairs = static_cast<std::size_t>(std::min(kPairs, (high[1] - y + 1) / 2));
+      for (std::size_t i = 0; i < pairs; ++i, of_row += 2 * row) {
+        std::size_t at = of_row + static_cast<std::size_t>(begins[i]);
         Register<T> r[Dim];
-        for (int k = 0; k < Dim; ++k) r[k] = (across[k][i] + step[k] * static_cast<T>(begin_x)) + beside[k];
-        for (int x = begin_x; x <= end_x; x += kWidth, at += kWidth) {
+        for (int k = 0; k < Dim; ++k) r[k] = places[k][i] + beside[k];
+        for (int tile = 0; tile < counts[i]; ++tile, at += kWidth) {
           lanes(at, r);
           for (int k = 0; k < Dim; ++k) r[k] += static_cast<T>(kWidth) * step[k];
         }

@@ -362,13 +362,18 @@ MinimiseSummary minimise(Objective<T>& objective, const MinimiseOptions& options
 
   // Before a run ends where it has not looked: whether something that was outside the working set wants to take part.
   const auto joins_here = [&](int iteration) {
-    if (!objective.has_more() || state.looked_at == iteration) return false;
+    if (!options.looks_at_end || !objective.has_more() || state.looked_at == iteration) return false;
     objective.look_everywhere(true);
     double sparse_here = 0;
     total(state.x, next_gradient, next_preconditioned, sparse_here);
     const Revision revision = revise_after_look(iteration);
     if (revision.has_changed) fit();
     return revision.joined > kLeastJoined;
+  };
+
+  // A look this near that let in little would find little more.
+  const auto has_just_looked = [&](int iteration) {
+    return iteration - state.looked_at < kFirstLookGap && state.revised_at != state.looked_at;
   };
 
   bool is_told = true;  // whether `accepted` knows of the last step
@@ -404,7 +409,7 @@ MinimiseSummary minimise(Objective<T>& objective, const MinimiseOptions& options
         state.settled_at = -1;
       } else {
         // What joins gets five iterations to show what it is worth. If that is too little, nobody else is let in.
-        if (state.settled_at >= 0 || (state.revised_at != done && !joins_here(done)))
+        if (state.settled_at >= 0 || (state.revised_at != done && (has_just_looked(done) || !joins_here(done))))
           return ended(MinimiseTermination::Settled);
         state.settled_at = done;
         continue;
