@@ -192,10 +192,10 @@ void GeodesicShooting<Dim, T>::gather_between_steps(std::vector<Field<T>>& veloc
     }
 }
 
+/// Makes v(0).
 template <int Dim, class T>
-void GeodesicShooting<Dim, T>::shoot(const std::vector<MomentumPointers<T>>& momenta, const ActiveBlocks<Dim>& blocks,
+void GeodesicShooting<Dim, T>::start(const std::vector<MomentumPointers<T>>& momenta, const ActiveBlocks<Dim>& blocks,
                                      const StartingVelocity& on_start) {
-  const T dt = T(1) / static_cast<T>(time_steps_);
   blocks_ = blocks;
   choose_sites();
   begin_velocity();
@@ -206,7 +206,19 @@ void GeodesicShooting<Dim, T>::shoot(const std::vector<MomentumPointers<T>>& mom
     if (states_[s].oriented) states_[s].oriented->begin(momenta[s].elements, momenta[s].oriented);
   }
   finish_velocity(0, velocities_[0]);
+}
 
+template <int Dim, class T>
+const Field<T>& GeodesicShooting<Dim, T>::starting_velocity(const std::vector<MomentumPointers<T>>& momenta) {
+  start(momenta, {}, {});
+  return velocities_[0];
+}
+
+template <int Dim, class T>
+void GeodesicShooting<Dim, T>::shoot(const std::vector<MomentumPointers<T>>& momenta, const ActiveBlocks<Dim>& blocks,
+                                     const StartingVelocity& on_start) {
+  const T dt = T(1) / static_cast<T>(time_steps_);
+  start(momenta, blocks, on_start);
   for (int k = 0; k < time_steps_; ++k) {
     for (auto& shared : lattices_) {
       advance<Dim, T>(shared->lattice, shared->moved, pointer(shared->position[k]), pointer(shared->position[k]),

@@ -67,6 +67,9 @@ class GeodesicShooting {
   void shoot(const std::vector<MomentumPointers<T>>& momenta, const ActiveBlocks<Dim>& blocks = {},
              const StartingVelocity& on_start = {});
 
+  /// v(0) alone. Until the next shoot there are no others, and nothing for the adjoint.
+  const Field<T>& starting_velocity(const std::vector<MomentumPointers<T>>& momenta);
+
   /// v(t_k), k = 0..time_steps * map_steps, t_k evenly spaced over [0,1], interleaved, mm per unit time.
   const std::vector<Field<T>>& velocities() const { return velocities_; }
 
@@ -122,6 +125,8 @@ class GeodesicShooting {
   void fill_between_steps();
   void gather_between_steps(std::vector<Field<T>>& velocity_duals) const;
   void choose_sites();
+  void start(const std::vector<MomentumPointers<T>>& momenta, const ActiveBlocks<Dim>& blocks,
+             const StartingVelocity& on_start);
 
   Lattice<Dim> lattice_;
   int time_steps_, map_steps_;

@@ -14,7 +14,7 @@
 namespace saltus {
 namespace {
 
-constexpr int kPasses = 6;  // of means over three samples: a standard deviation of 2
+constexpr int kMeans = 6;  // over three samples, one of the other: a standard deviation of 2
 constexpr double kLeastShare = 0.3;
 const double kAlongAxis = std::cos(6 * std::numbers::pi / 180);
 
@@ -36,13 +36,19 @@ InterfaceNormals<Dim, T>::InterfaceNormals(const Lattice<Dim>& lattice, const Fi
                              for (int a = 0; a < Dim; ++a)
                                for (int b = a; b < Dim; ++b) *tensor++ = derivative.col(a).dot(derivative.col(b));
                            });
-  const AxisTaps<T> third(std::vector<double>(3, 1.0 / 3));
+  std::vector<double> taps = {1};
+  for (int mean = 0; mean < kMeans; ++mean) {
+    std::vector<double> wider(taps.size() + 2);
+    for (std::size_t i = 0; i < taps.size(); ++i)
+      for (std::size_t beside = 0; beside < 3; ++beside) wider[i + beside] += taps[i] / 3;
+    taps = std::move(wider);
+  }
+  const AxisTaps<T> smoothing(taps);
   Field<T> smoothed(tensor_.size());
-  for (int pass = 0; pass < kPasses; ++pass)
-    for (int axis = 0; axis < Dim; ++axis) {
-      convolve_axis<Dim, T>(lattice, kPairs, axis, third, Combine::Replace, tensor_.data(), smoothed.data());
-      std::swap(tensor_, smoothed);
-    }
+  for (int axis = 0; axis < Dim; ++axis) {
+    convolve_axis<Dim, T>(lattice, kPairs, axis, smoothing, Combine::Replace, tensor_.data(), smoothed.data());
+    std::swap(tensor_, smoothed);
+  }
 }
 
 template <int Dim, class T>

@@ -188,7 +188,7 @@ bool MatchingObjective<Dim, T>::would_join(const std::vector<T>& x) {
 
 template <int Dim, class T>
 void MatchingObjective<Dim, T>::weigh(const SparsityRound& round, const std::vector<T>& x) {
-  if (set_.has_oriented()) set_.turn(InterfaceNormals<Dim, T>(flow_, velocities(x)[0]));
+  if (set_.has_oriented()) set_.turn(InterfaceNormals<Dim, T>(flow_, starting_velocity(x)));
   set_.weigh(round, x);
 }
 
@@ -209,6 +209,11 @@ double MatchingObjective<Dim, T>::first_step(const std::vector<T>& direction) {
   }
   const double voxel = *std::min_element(level_.lattice.spacing.begin(), level_.lattice.spacing.end());
   return largest > 0 ? 0.5 * voxel / largest : 1.0;
+}
+
+template <int Dim, class T>
+const Field<T>& MatchingObjective<Dim, T>::starting_velocity(const std::vector<T>& x) {
+  return shooting_.starting_velocity(set_.pointers(x));
 }
 
 template <int Dim, class T>

@@ -1,6 +1,8 @@
 #include "core/registration/pyramid_run.h"
 #include "core/registration/simple_shear.h"
 
+#include <algorithm>
+
 namespace saltus {
 
 /// After order 0 has come to its end alone: whether its velocity shows something that slides, and first orders want to
@@ -8,7 +10,7 @@ namespace saltus {
 template <int Dim>
 bool PyramidRun<Dim>::first_orders_are_worth_it() {
   std::vector<Scalar>& momenta = reached_.minimiser.x;
-  level_.simple_shear = simple_shear(objective_->flow_lattice(), objective_->velocities(momenta)[0]);
+  level_.simple_shear = simple_shear(objective_->flow_lattice(), objective_->starting_velocity(momenta));
   const bool is_worth_it = level_.simple_shear >= options_.momenta.first_order_shear &&
                            (!options_.momenta.first_order_waits || would_join());
   if (is_worth_it && !reached_.level_start.empty()) momenta = std::move(reached_.level_start);
@@ -25,9 +27,12 @@ bool PyramidRun<Dim>::first_orders_are_worth_it() {
 template <int Dim>
 bool PyramidRun<Dim>::would_join() {
   if (rounds_[0].lets_blocks_join || has_found() || options_.model == Model::Directional) return true;
+  const bool has_oriented = std::any_of(scales_.begin(), scales_.end(), [&](const auto& placed) {
+    return placed.level >= levels_[step_] && placed.scale->oriented();
+  });
+  if (has_oriented) return true;
   const std::vector<Scalar>& momenta = reached_.minimiser.x;
   make_objective(rounds_[1]);
-  if (objective_->working_set().has_oriented()) return true;
   objective_->working_set().weigh({}, momenta);
   const bool is_wanted = objective_->would_join(momenta);
   ++level_.evaluations;
