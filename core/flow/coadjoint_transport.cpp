@@ -361,20 +361,42 @@ void CoadjointTransport<Dim, T>::carried_face_adjoint(const MovedSites<Dim, T>& 
                                                       T* displacement_dual, T* first_dual) {
   std::array<T, Dim> half;
   for (int a = 0; a < Dim; ++a) half[a] = static_cast<T>(0.5 * sites.per_mm()[a]);
+  constexpr int lanes = CellLanes<Dim, T>::kLanes;
   for_planes_apart<2>(lattice_.size[Dim - 1], [&](int slab) {
+    CellLanes<Dim, T> cells(lattice_);
+    LanePoints<Dim, T> at{};
+    std::array<std::array<std::size_t, 2>, lanes> beside;
+    int count = 0;
+    const auto pull = [&] {
+      cells.find(at);
+      for (int lane = 0; lane < count; ++lane) {
+        const auto [site, other] = beside[static_cast<std::size_t>(lane)];
+        const LinearCell<Dim, T> cell = cells.cell(lane);
+        T* to = first_dual + Dim * site;
+        // Most faces of active blocks have no momentum, and nothing is known then but what would give them one.
+        if (!first || is_zero<Dim, T>(first + Dim * site)) {
+          add_to<Dim, T>(to, gather<Dim, T>(cell, out_dual));
+          continue;
+        }
+        std::array<T, Dim> m, gradient;
+        std::copy_n(first + Dim * site, Dim, m.begin());
+        const std::array<T, Dim> dual = cell.template value_and_gradient<Dim>(out_dual, m, gradient);
+        for (int c = 0; c < Dim; ++c) to[c] += dual[c];
+        for (int a = 0; a < Dim; ++a) {
+          displacement_dual[Dim * site + a] += half[a] * gradient[a];
+          displacement_dual[Dim * other + a] += half[a] * gradient[a];
+        }
+      }
+      count = 0;
+    };
     visit_slab_of(blocks, slab, [&](const Index<Dim>& where, std::size_t site) {
       const Face face(sites, axis, where, site);
-      std::array<T, Dim> m{}, gradient;
-      if (first) std::copy_n(first + Dim * site, Dim, m.begin());
-      const std::array<T, Dim> dual =
-          LinearCell<Dim, T>(lattice_, face.on(axis)).template value_and_gradient<Dim>(out_dual, m, gradient);
-      for (int c = 0; c < Dim; ++c) first_dual[Dim * site + c] += dual[c];
-      if (is_zero<Dim, T>(m.data())) return;
-      for (int a = 0; a < Dim; ++a) {
-        displacement_dual[Dim * face.beside[0] + a] += half[a] * gradient[a];
-        displacement_dual[Dim * face.beside[1] + a] += half[a] * gradient[a];
-      }
+      const std::array<T, Dim> on = face.on(axis);
+      for (int a = 0; a < Dim; ++a) at[a][static_cast<std::size_t>(count)] = on[a];
+      beside[static_cast<std::size_t>(count)] = face.beside;
+      if (++count == lanes) pull();
     });
+    pull();
   });
 }
 

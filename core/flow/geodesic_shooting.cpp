@@ -200,6 +200,7 @@ void GeodesicShooting<Dim, T>::start(const std::vector<MomentumPointers<T>>& mom
   choose_sites();
   begin_velocity();
   for (std::size_t s = 0; s < states_.size(); ++s) {
+    states_[s].reached.clear();
     const T* velocity =
         add_velocity(states_[s], momenta[s].zeroth, momenta[s].first, at_start(s, momenta_of(s)), velocities_[0]);
     if (on_start && !states_[s].scale->has_first_order()) on_start(s, velocity);
@@ -230,7 +231,8 @@ void GeodesicShooting<Dim, T>::shoot(const std::vector<MomentumPointers<T>>& mom
       if (poll_) poll_();
       ScaleState& state = states_[s];
       const AxisBlocks<Dim> start = momenta_of(s);
-      const MomentumMasks<Dim> reached = state.transport->reached(state.shared->sites, start);
+      state.reached.push_back(state.transport->reached(state.shared->sites, start));
+      const MomentumMasks<Dim>& reached = state.reached.back();
       state.transport->push(state.shared->sites, momenta[s].zeroth, momenta[s].first, start, reached,
                             mutable_pointer(state.zeroth), state.first.data());
       add_velocity(state, pointer(state.zeroth), pointer(state.first), reached, velocities_[end_of_step(k + 1)]);
@@ -316,7 +318,9 @@ void GeodesicShooting<Dim, T>::adjoint(const std::vector<MomentumPointers<T>>& m
       const Lattice<Dim>& lattice = shared.lattice;
       if (state.oriented) state.oriented->add_velocity_adjoint(k, all_of_velocity_dual, gradient[s].oriented);
       const AxisBlocks<Dim> wanted = wanted_of(s);
-      const MomentumMasks<Dim> masks = k == 0 ? at_start(s, wanted) : state.transport->reached(shared.sites, wanted);
+      const MomentumMasks<Dim> masks = k == 0                   ? at_start(s, wanted)
+                                       : wanted == momenta_of(s) ? state.reached[static_cast<std::size_t>(k) - 1]
+                                                                 : state.transport->reached(shared.sites, wanted);
       if (masks.is_empty()) continue;
       const T* velocity_dual = shared.restricted.empty() ? all_of_velocity_dual : shared.restricted.data();
       T* first_dual = mutable_pointer(state.first);

@@ -110,6 +110,7 @@ class GeodesicShooting {
     std::unique_ptr<OrientedFlow<Dim, T>> oriented;  ///< null where the scale has none
     /// Transported momenta, later their duals. Where no momenta of order 0 can appear, `zeroth` is empty.
     Field<T> zeroth, first;
+    std::vector<MomentumMasks<Dim>> reached;  ///< by the transported momenta, at node k = 1..N
     /// Empty: the scale has order 0 and is the first of its lattice, whose sum it writes. Scratch in the adjoint.
     Field<T> velocity;
   };
