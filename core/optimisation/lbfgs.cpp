@@ -371,11 +371,6 @@ MinimiseSummary minimise(Objective<T>& objective, const MinimiseOptions& options
     return revision.joined > kLeastJoined;
   };
 
-  // A look this near that let in little would find little more.
-  const auto has_just_looked = [&](int iteration) {
-    return iteration - state.looked_at < kFirstLookGap && state.revised_at != state.looked_at;
-  };
-
   bool is_told = true;  // whether `accepted` knows of the last step
   double sparse = 0, step = 0;
   for (;;) {
@@ -409,7 +404,7 @@ MinimiseSummary minimise(Objective<T>& objective, const MinimiseOptions& options
         state.settled_at = -1;
       } else {
         // What joins gets five iterations to show what it is worth. If that is too little, nobody else is let in.
-        if (state.settled_at >= 0 || (state.revised_at != done && (has_just_looked(done) || !joins_here(done))))
+        if (state.settled_at >= 0 || (state.revised_at != done && !joins_here(done)))
           return ended(MinimiseTermination::Settled);
         state.settled_at = done;
         continue;

@@ -110,9 +110,8 @@ struct MinimiserState {
 /// What is outside the working set is looked at after five iterations, then after ten more and so on up to forty, after
 /// five again once a look let in more than a twentieth of a range, and, with `looks_at_end`, before a run ends for any
 /// reason but its limit or being stopped: one that converges does so where no more than that wants to take part, and
-/// that little is part of x. One that settles does not look again where fewer than five iterations ago no more than
-/// that joined. One that had settled when more joined goes on for five iterations at least, and ends when these bring
-/// too little as well. `accepted` is called after each accepted step, when the state is complete, and says whether to go on.
+/// that little is part of x. One that had settled when more joined goes on for five iterations at least, and ends when
+/// these bring too little as well. `accepted` is called after each accepted step, when the state is complete, and says whether to go on.
 ///
 /// A state that has begun goes on after its last step, of which `accepted` is not told again; the summary counts from
 /// the beginning. When the objective throws, the state is still that of the last accepted step. Throws NumericalFailure

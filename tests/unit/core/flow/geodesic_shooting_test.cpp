@@ -231,6 +231,23 @@ TEST(GeodesicShooting, IsLinearInTimeBetweenItsSteps) {
   EXPECT_EQ(fine.hamiltonians({{m.data(), nullptr}}), coarse.hamiltonians({{m.data(), nullptr}}));
 }
 
+// Two scales that share a lattice and one on a coarser lattice: all have their part in it.
+TEST(GeodesicShooting, StartsWithTheVelocityOfItsFirstNode) {
+  MomentumScale<2, double> wide({make_gaussian_profile(8), square(24), Orders::Zeroth, 1.0, 1.0}),
+      narrow({make_wendland_profile(3), square(24), Orders::ZerothAndFirst, 1.0, 1.0}),
+      coarse({make_gaussian_profile(9), square(12, 2), Orders::Zeroth, 1.0, 1.0});
+  const std::vector<double> m = passing_blobs(wide.lattice(), 20), m1 = testing::random_values(4 * 24 * 24, 5),
+                            other = testing::random_values(2 * 12 * 12, 6);
+  GeodesicShooting<2, double> shooting({&wide, &narrow, &coarse}, wide.lattice(), 3, Evolution::Carried, 2);
+  const std::vector<MomentumPointers<double>> momenta = {
+      {m.data(), nullptr}, {m.data(), m1.data()}, {other.data(), nullptr}};
+  shooting.shoot(momenta);
+  const Field<double> first = shooting.velocities()[0], last = shooting.velocities().back();
+  EXPECT_EQ(shooting.starting_velocity(momenta), first);
+  shooting.shoot(momenta);
+  EXPECT_EQ(shooting.velocities().back(), last) << "a shoot after it is what it was before";
+}
+
 // Oracle: central differences of a linear functional of all velocities, with two scales on different lattices.
 TEST(GeodesicShooting, HasAnExactAdjoint) {
   const Lattice<2> fine = {{14, 12}, {1, 1.2}, {}};

@@ -193,6 +193,60 @@ TEST(OrientedMomenta, MakeTheSumOverElements3d) { expect_the_written_sum<3>(1); 
 TEST(OrientedMomenta, MakeTheSumOverElementsApart2d) { expect_the_written_sum<2>(2); }
 TEST(OrientedMomenta, MakeTheSumOverElementsApart3d) { expect_the_written_sum<3>(3); }
 
+// Oracle: the sum as it is written, of elements that reach more rows than are looked at together.
+template <int Dim, class T>
+void expect_the_written_sum_of_wide_ones(double tolerance) {
+  Lattice<Dim> lattice;
+  for (int axis = 0; axis < Dim; ++axis) {
+    lattice.size[axis] = axis == 1 ? 101 : 7;
+    lattice.spacing[axis] = 1.0 + 0.1 * axis;
+  }
+  const OrientedMomenta<Dim, T> momenta({lattice, spread_normals<Dim>(Dim == 2 ? 8 : 13), 45, 0.7, 1});
+  std::vector<std::uint32_t> elements;
+  for (std::uint32_t e = 301; e < momenta.elements(); e += Dim == 2 ? 311 : 4409) elements.push_back(e);
+  ASSERT_GT(elements.size(), 10u);
+  const std::vector<double> drawn = testing::random_values((Dim - 1) * elements.size(), 11);
+  const std::vector<T> values(drawn.begin(), drawn.end());
+  std::vector<T> corners, velocity(Dim * lattice.sites(), T(0));
+  momenta.place(elements, corners);
+  momenta.add_velocity(elements, corners.data(), values.data(), velocity.data());
+
+  const auto k0 = make_wendland_profile(momenta.options().width_mm);
+  std::vector<double> wanted(velocity.size(), 0.0);
+  for (std::size_t e = 0; e < elements.size(); ++e) {
+    const auto place = OrientedMomenta<Dim, T>::placement(corners.data() + Dim * Dim * e);
+    const Eigen::Matrix<double, Dim, Dim> axes = place.axes.template cast<double>();
+    double cell[Dim];
+    for (int k = 0; k < Dim; ++k) cell[k] = cell_along<Dim>(lattice, axes.row(k).transpose());
+    for (int slab = 0; slab < lattice.size[Dim - 1]; ++slab)
+      visit_slab<Dim>(lattice, slab, [&](const Index<Dim>& index, std::size_t site) {
+        Vec<Dim> x;
+        for (int a = 0; a < Dim; ++a) x[a] = lattice.offset[a] + index[a] * lattice.spacing[a];
+        const Vec<Dim> r = axes * (x - place.at.template cast<double>());
+        double shape = momenta.options().weight * lattice.cell_volume() * averaged_slope(*k0, cell[0], r[0]);
+        for (int k = 1; k < Dim; ++k) shape *= averaged_value(*k0, cell[k], r[k]);
+        for (int j = 1; j < Dim; ++j)
+          for (int a = 0; a < Dim; ++a)
+            wanted[Dim * site + static_cast<std::size_t>(a)] +=
+                shape * drawn[(Dim - 1) * e + static_cast<std::size_t>(j) - 1] * axes(j, a);
+      });
+  }
+  double largest = 0;
+  for (double value : wanted) largest = std::max(largest, std::abs(value));
+  for (std::size_t i = 0; i < wanted.size(); ++i) ASSERT_NEAR(velocity[i], wanted[i], tolerance * largest) << i;
+  for (std::size_t row : {0u, 50u, 100u})  // all of them are reached
+    EXPECT_GT(std::abs(wanted[Dim * 7 * row + Dim * 3]), 1e-3 * largest) << row;
+}
+
+TEST(OrientedMomenta, MakeTheSumOverWideElements2d) {
+  expect_the_written_sum_of_wide_ones<2, double>(1e-12);
+  expect_the_written_sum_of_wide_ones<2, float>(1e-4);
+}
+TEST(OrientedMomenta, MakeTheSumOverWideElements3d) {
+  expect_the_written_sum_of_wide_ones<3, double>(1e-12);
+  expect_the_written_sum_of_wide_ones<3, float>(1e-4);
+}
+
 // A plane across an axis: there is nothing to be seen of the elements that make it.
 TEST(OrientedMomenta, TileAPlane) {
   const int size = 30, at = 14;
