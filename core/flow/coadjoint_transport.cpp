@@ -373,7 +373,7 @@ void CoadjointTransport<Dim, T>::carried_face_adjoint(const MovedSites<Dim, T>& 
         const auto [site, other] = beside[static_cast<std::size_t>(lane)];
         const LinearCell<Dim, T> cell = cells.cell(lane);
         T* to = first_dual + Dim * site;
-        // Most faces of active blocks have no momentum, and nothing is known then but what would give them one.
+        // Most faces of active blocks have no momentum: they move nothing, and only their own gradient is asked for.
         if (!first || is_zero<Dim, T>(first + Dim * site)) {
           add_to<Dim, T>(to, gather<Dim, T>(cell, out_dual));
           continue;

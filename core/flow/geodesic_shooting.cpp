@@ -3,6 +3,7 @@
 #include "core/flow/particle_steps.h"
 
 #include <algorithm>
+#include <stdexcept>
 
 namespace saltus {
 namespace {
@@ -230,10 +231,10 @@ void GeodesicShooting<Dim, T>::shoot(const std::vector<MomentumPointers<T>>& mom
     for (std::size_t s = 0; s < states_.size(); ++s) {
       if (poll_) poll_();
       ScaleState& state = states_[s];
-      const AxisBlocks<Dim> start = momenta_of(s);
-      state.reached.push_back(state.transport->reached(state.shared->sites, start));
+      const AxisBlocks<Dim> active = momenta_of(s);
+      state.reached.push_back(state.transport->reached(state.shared->sites, active));
       const MomentumMasks<Dim>& reached = state.reached.back();
-      state.transport->push(state.shared->sites, momenta[s].zeroth, momenta[s].first, start, reached,
+      state.transport->push(state.shared->sites, momenta[s].zeroth, momenta[s].first, active, reached,
                             mutable_pointer(state.zeroth), state.first.data());
       add_velocity(state, pointer(state.zeroth), pointer(state.first), reached, velocities_[end_of_step(k + 1)]);
       if (state.oriented) state.oriented->predict(k, velocities_[end_of_step(k)].data(), dt);
@@ -282,6 +283,9 @@ void GeodesicShooting<Dim, T>::adjoint(const std::vector<MomentumPointers<T>>& m
                                        const std::vector<MomentumTargets<T>>& gradient,
                                        const std::vector<MomentumTargets<T>>& preconditioned) {
   const T dt = T(1) / static_cast<T>(time_steps_);
+  for (const ScaleState& state : states_)
+    if (state.reached.size() != static_cast<std::size_t>(time_steps_))
+      throw std::logic_error("the adjoint of shooting is asked for where the last shoot did not come to its end");
   for (auto& shared : lattices_)
     if (!shared->position_dual.empty()) shared->acting.clear(shared->lattice, Dim, shared->position_dual.data());
   for (ScaleState& state : states_)
@@ -318,7 +322,7 @@ void GeodesicShooting<Dim, T>::adjoint(const std::vector<MomentumPointers<T>>& m
       const Lattice<Dim>& lattice = shared.lattice;
       if (state.oriented) state.oriented->add_velocity_adjoint(k, all_of_velocity_dual, gradient[s].oriented);
       const AxisBlocks<Dim> wanted = wanted_of(s);
-      const MomentumMasks<Dim> masks = k == 0                   ? at_start(s, wanted)
+      const MomentumMasks<Dim> masks = k == 0                    ? at_start(s, wanted)
                                        : wanted == momenta_of(s) ? state.reached[static_cast<std::size_t>(k) - 1]
                                                                  : state.transport->reached(shared.sites, wanted);
       if (masks.is_empty()) continue;

@@ -67,7 +67,8 @@ class GeodesicShooting {
   void shoot(const std::vector<MomentumPointers<T>>& momenta, const ActiveBlocks<Dim>& blocks = {},
              const StartingVelocity& on_start = {});
 
-  /// v(0) alone. Until the next shoot there are no others, and nothing for the adjoint.
+  /// v(0) alone, of momenta at all sites. Until the next shoot there are no other velocities, and the adjoint throws
+  /// std::logic_error.
   const Field<T>& starting_velocity(const std::vector<MomentumPointers<T>>& momenta);
 
   /// v(t_k), k = 0..time_steps * map_steps, t_k evenly spaced over [0,1], interleaved, mm per unit time.
@@ -110,7 +111,7 @@ class GeodesicShooting {
     std::unique_ptr<OrientedFlow<Dim, T>> oriented;  ///< null where the scale has none
     /// Transported momenta, later their duals. Where no momenta of order 0 can appear, `zeroth` is empty.
     Field<T> zeroth, first;
-    std::vector<MomentumMasks<Dim>> reached;  ///< by the transported momenta, at node k = 1..N
+    std::vector<MomentumMasks<Dim>> reached;  ///< by the transported momenta of the last shoot, at node k = 1..N
     /// Empty: the scale has order 0 and is the first of its lattice, whose sum it writes. Scratch in the adjoint.
     Field<T> velocity;
   };

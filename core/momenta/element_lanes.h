@@ -163,8 +163,9 @@ template <int Dim, class T, class Lanes>
   }
   low[1] -= low[1] % 2;
   const T h = static_cast<T>(lattice.spacing[0]), spacing = static_cast<T>(lattice.spacing[1]);
-  T step[Dim], per_step[Dim], to_next_row[Dim];  // 0: what divides by nearly nothing bounds no row
-  Register<T> beside[Dim];                       // from the first lane
+  T step[Dim], to_next_row[Dim];
+  T per_step[Dim];          // 0: what divides by nearly nothing bounds no row
+  Register<T> beside[Dim];  // from the first lane
   for (int k = 0; k < Dim; ++k) {
     step[k] = place.axes(k, 0) * h;
     per_step[k] = std::abs(step[k]) < T(1e-3) * h ? T(0) : 1 / step[k];
@@ -212,8 +213,7 @@ template <int Dim, class T, class Lanes>
                        last_x = reached < high[0] - 1 ? reached : WholePairs{} + (high[0] - 1),
                        tiles = (last_x - first_x + kWidth) >> kShift;
       T places[Dim][kPairs];  // of the first lane
-      for (int k = 0; k < Dim; ++k)
-        store<T>(across[k] + step[k] * __builtin_convertvector(first_x, Pairs), places[k]);
+      for (int k = 0; k < Dim; ++k) store<T>(across[k] + step[k] * __builtin_convertvector(first_x, Pairs), places[k]);
       std::array<std::remove_cvref_t<decltype(first_x[0])>, kPairs> begins, counts;
       std::memcpy(begins.data(), &first_x, sizeof first_x);
       std::memcpy(counts.data(), &tiles, sizeof tiles);

@@ -362,7 +362,7 @@ MinimiseSummary minimise(Objective<T>& objective, const MinimiseOptions& options
 
   // Before a run ends where it has not looked: whether something that was outside the working set wants to take part.
   const auto joins_here = [&](int iteration) {
-    if (!options.looks_at_end || !objective.has_more() || state.looked_at == iteration) return false;
+    if (!objective.has_more() || state.looked_at == iteration) return false;
     objective.look_everywhere(true);
     double sparse_here = 0;
     total(state.x, next_gradient, next_preconditioned, sparse_here);

@@ -20,9 +20,6 @@ struct MinimiseOptions {
   /// run began (Objective::noise_gradient): what still pulls is then mostly noise. 0: does not. Not where there is more
   /// outside the working set (std::logic_error).
   double noise_tolerance = 0;
-  /// Whether what is outside the working set is looked at before the end. Not needed where another run goes on from
-  /// there, which looks where it begins.
-  bool looks_at_end = true;
   int history = 6;
   int max_line_search = 20;
 };
@@ -108,10 +105,10 @@ struct MinimiserState {
 /// length of the whole energy and P the preconditioner: 0 exactly at a stationary point. The objective may revise its
 /// working set after each step; pairs hold 0 for unknowns that they were made without, which leaves s . y as it is.
 /// What is outside the working set is looked at after five iterations, then after ten more and so on up to forty, after
-/// five again once a look let in more than a twentieth of a range, and, with `looks_at_end`, before a run ends for any
-/// reason but its limit or being stopped: one that converges does so where no more than that wants to take part, and
-/// that little is part of x. One that had settled when more joined goes on for five iterations at least, and ends when
-/// these bring too little as well. `accepted` is called after each accepted step, when the state is complete, and says whether to go on.
+/// five again once a look let in more than a twentieth of a range, and before a run ends for any reason but its limit
+/// or being stopped: one that converges does so where no more than that wants to take part, and that little is part of
+/// x. One that had settled when more joined goes on for five iterations at least, and ends when these bring too little
+/// as well. `accepted` is called after each accepted step, when the state is complete, and says whether to go on.
 ///
 /// A state that has begun goes on after its last step, of which `accepted` is not told again; the summary counts from
 /// the beginning. When the objective throws, the state is still that of the last accepted step. Throws NumericalFailure

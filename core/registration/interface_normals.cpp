@@ -36,13 +36,14 @@ InterfaceNormals<Dim, T>::InterfaceNormals(const Lattice<Dim>& lattice, const Fi
                              for (int a = 0; a < Dim; ++a)
                                for (int b = a; b < Dim; ++b) *tensor++ = derivative.col(a).dot(derivative.col(b));
                            });
-  std::vector<double> taps = {1};
+  std::vector<double> taps = {1};  // whole numbers until the end, so that both halves are the same
   for (int mean = 0; mean < kMeans; ++mean) {
     std::vector<double> wider(taps.size() + 2);
     for (std::size_t i = 0; i < taps.size(); ++i)
-      for (std::size_t beside = 0; beside < 3; ++beside) wider[i + beside] += taps[i] / 3;
+      for (std::size_t beside = 0; beside < 3; ++beside) wider[i + beside] += taps[i];
     taps = std::move(wider);
   }
+  for (double& tap : taps) tap /= std::pow(3.0, kMeans);
   const AxisTaps<T> smoothing(taps);
   Field<T> smoothed(tensor_.size());
   for (int axis = 0; axis < Dim; ++axis) {

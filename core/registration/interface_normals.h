@@ -7,9 +7,10 @@
 namespace saltus {
 
 /// Where a velocity shows an interface along which something may slide, and which way that lies, from its structure
-/// tensor: the mean of (D v)^T (D v) over a neighbourhood (two samples' standard deviation), whose first eigenvector is
-/// the direction n in which v changes most. Of a tangential jump a across n, D v is a n^T, whichever way a points.
-/// Where v is smooth as well, it changes across what will be the interface before it can jump there.
+/// tensor: the mean of (D v)^T (D v) over a neighbourhood (two samples' standard deviation; 0 beyond the lattice),
+/// whose first eigenvector is the direction n in which v changes most. Of a tangential jump a across n, D v is a n^T,
+/// whichever way a points. Where v is smooth as well, it changes across what will be the interface before it can jump
+/// there.
 template <int Dim, class T>
 class InterfaceNormals {
  public:

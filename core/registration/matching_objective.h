@@ -76,7 +76,8 @@ class MatchingObjective final : public Objective<T> {
   /// Parts of the last evaluation.
   const EnergyParts& parts() const { return parts_; }
 
-  /// Velocity at time 0, on flow_lattice().
+  /// Velocity at time 0, on flow_lattice(). What is asked of the last evaluation (noise_gradient) is to be asked
+  /// before.
   const Field<T>& starting_velocity(const std::vector<T>& x);
   /// Shoots from x and gives the velocities of all nodes.
   const std::vector<Field<T>>& velocities(const std::vector<T>& x);

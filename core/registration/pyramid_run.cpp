@@ -283,8 +283,6 @@ void PyramidRun<Dim>::minimise_round(std::size_t round) {
   // Order 0 that is about to be asked whether something slides, or that is all that the level has.
   else if (round == 0 && (decides_ || !has_first_) && optimisation.look_tolerance > 0)
     how_.tolerance = std::min(how_.tolerance, optimisation.look_tolerance);
-  // The next round looks where it begins.
-  how_.looks_at_end = round + 1 == rounds_.size() || !rounds_[round].lets_blocks_join;
   how_.noise_tolerance = is_smooth(rounds_[round]) ? optimisation.noise_tolerance : 0;
   how_.decrease_before = 0;
   if (round > 0 && options_.momenta.first_order_waits) {

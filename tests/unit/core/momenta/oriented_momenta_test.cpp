@@ -132,6 +132,7 @@ void expect_the_written_sum(int spacing) {
   momenta.add_velocity(elements, corners.data(), values.data(), velocity.data());
 
   const auto k0 = make_wendland_profile(momenta.options().width_mm);
+  const auto untouched = small_momenta<Dim>(spacing);
   std::size_t turned = 0;
   for (std::size_t e = 0; e < elements.size(); ++e) {
     const auto place = OrientedMomenta<Dim, double>::placement(corners.data() + Dim * Dim * e);
@@ -151,13 +152,12 @@ void expect_the_written_sum(int spacing) {
     EXPECT_NEAR(std::abs(place.axes.row(0).dot((is_turned ? own : given).transpose())), 1, 1e-12);
     EXPECT_GT(place.axes.row(0).dot(given.transpose()), is_turned ? 0.7 : 1 - 1e-12);
 
+    // Cells are those of the option's normal: what is turned keeps them.
+    std::vector<double> straight;
+    untouched.place({elements[e]}, straight);
+    const auto axes = OrientedMomenta<Dim, double>::placement(straight.data()).axes;
     double cell[Dim];
     for (int k = 0; k < Dim; ++k) {
-      // Cells are those of the option's normal: what is turned keeps them.
-      const auto untouched = small_momenta<Dim>(spacing);
-      std::vector<double> straight;
-      untouched.place({elements[e]}, straight);
-      const auto axes = OrientedMomenta<Dim, double>::placement(straight.data()).axes;
       double square = 0;
       for (int a = 0; a < Dim; ++a) {
         int apart = k == 0 ? 1 : spacing;  // but no more than half a width
@@ -198,12 +198,12 @@ template <int Dim, class T>
 void expect_the_written_sum_of_wide_ones(double tolerance) {
   Lattice<Dim> lattice;
   for (int axis = 0; axis < Dim; ++axis) {
-    lattice.size[axis] = axis == 1 ? 101 : 7;
+    lattice.size[axis] = axis == 0 ? 37 : axis == 1 ? 101 : 3;
     lattice.spacing[axis] = 1.0 + 0.1 * axis;
   }
   const OrientedMomenta<Dim, T> momenta({lattice, spread_normals<Dim>(Dim == 2 ? 8 : 13), 45, 0.7, 1});
   std::vector<std::uint32_t> elements;
-  for (std::uint32_t e = 301; e < momenta.elements(); e += Dim == 2 ? 311 : 4409) elements.push_back(e);
+  for (std::uint32_t e = 301; e < momenta.elements(); e += Dim == 2 ? 1511 : 8803) elements.push_back(e);
   ASSERT_GT(elements.size(), 10u);
   const std::vector<double> drawn = testing::random_values((Dim - 1) * elements.size(), 11);
   const std::vector<T> values(drawn.begin(), drawn.end());
@@ -234,8 +234,8 @@ void expect_the_written_sum_of_wide_ones(double tolerance) {
   double largest = 0;
   for (double value : wanted) largest = std::max(largest, std::abs(value));
   for (std::size_t i = 0; i < wanted.size(); ++i) ASSERT_NEAR(velocity[i], wanted[i], tolerance * largest) << i;
-  for (std::size_t row : {0u, 50u, 100u})  // all of them are reached
-    EXPECT_GT(std::abs(wanted[Dim * 7 * row + Dim * 3]), 1e-3 * largest) << row;
+  for (std::size_t row : {0u, 50u, 100u})  // something is to be seen in all of them
+    EXPECT_GT(std::abs(wanted[Dim * (37 * row + 18)]), 1e-3 * largest) << row;
 }
 
 TEST(OrientedMomenta, MakeTheSumOverWideElements2d) {

@@ -149,25 +149,6 @@ TEST(Minimise, SettlesOnlyWhereItHasLookedOutsideTheWorkingSet) {
   }
 }
 
-// The same runs end in the same place without a last look, where another one is to go on from there.
-TEST(Minimise, SettlesWithoutALookWhereNoneIsWanted) {
-  for (double tolerance : {0.3, 0.1, 1e-2}) {
-    SCOPED_TRACE(tolerance);
-    Flat flat, looking;
-    std::vector<double> x = {1}, same = {1};
-    MinimiseOptions how;
-    how.tolerance = tolerance;
-    const MinimiseSummary with = minimise<double>(looking, how, same, go_on);
-    how.looks_at_end = false;
-    const MinimiseSummary without = minimise<double>(flat, how, x, go_on);
-    EXPECT_EQ(without.termination, MinimiseTermination::Settled);
-    EXPECT_FALSE(flat.looks);
-    EXPECT_TRUE(looking.looks);
-    EXPECT_EQ(x, same);
-    EXPECT_EQ(without.evaluations + 1, with.evaluations);
-  }
-}
-
 /// (x - 1)^2 / 2 and, outside the working set at first, ever more unknowns that each want to take part and are worth
 /// next to nothing: one joins at every look.
 class Trickle final : public Objective<double> {
