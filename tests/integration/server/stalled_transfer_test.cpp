@@ -13,6 +13,13 @@ class StalledTransfer : public testing_support::DaemonTest {
     DaemonParts parts;
     parts.clock = clock;
     start(std::move(parts));
+    // A window that grows with what has arrived holds all of a blob now and then, and nothing stands still.
+    grpc::ChannelArguments arguments;
+    arguments.SetInt(GRPC_ARG_USE_LOCAL_SUBCHANNEL_POOL, 1);
+    arguments.SetInt(GRPC_ARG_ENABLE_HTTP_PROXY, 0);
+    arguments.SetInt(GRPC_ARG_HTTP2_BDP_PROBE, 0);
+    channel = grpc::CreateCustomChannel(daemon->address(), grpc::InsecureChannelCredentials(), arguments);
+    blobs = v1::BlobService::NewStub(channel);
   }
   struct Download {
     grpc::ClientContext context;
