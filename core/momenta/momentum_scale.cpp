@@ -46,7 +46,8 @@ MomentumScale<Dim, T>::MomentumScale(const MomentumScaleOptions<Dim>& options) :
   }
   if (!options.normals.empty())
     oriented_ = std::make_unique<OrientedMomenta<Dim, T>>(
-        OrientedOptions<Dim>{options.lattice, options.normals, width, options.first_weight, options.oriented_spacing});
+        OrientedOptions<Dim>{options.lattice, options.normals, width, options.first_weight, options.oriented_spacing,
+                             options.oriented_normal_share});
 }
 
 template <int Dim, class T>

@@ -102,8 +102,9 @@ OrientedMomenta<Dim, T>::OrientedMomenta(const OrientedOptions<Dim>& options)
     AveragedWendland<double> exact[Dim];
     for (int k = 0; k < Dim; ++k) {
       const double cell = cell_along<Dim>(k == 0 ? lattice : sparse, orientation.axes.row(k).transpose());
-      exact[k] = AveragedWendland<double>(options_.width_mm, cell);
-      orientation.profiles[k] = AveragedWendland<T>(options_.width_mm, cell);
+      const double width = k == 0 ? options_.normal_width_mm() : options_.width_mm;
+      exact[k] = AveragedWendland<double>(width, cell);
+      orientation.profiles[k] = AveragedWendland<T>(width, cell);
     }
     std::size_t count = 1;
     for (int a = 0; a < Dim; ++a) {
@@ -260,7 +261,7 @@ double OrientedMomenta<Dim, T>::stiffness(std::size_t normal) const {
   const Vec<Dim> n = orientations_[normal].axes.row(0).transpose();
   const double cell = cell_along<Dim>(options_.lattice, n);
   return options_.weight * options_.lattice.cell_volume() * cell *
-         AveragedWendland<double>(options_.width_mm, cell).slope_gram(0);
+         AveragedWendland<double>(options_.normal_width_mm(), cell).slope_gram(0);
 }
 
 template double cell_along<2>(const Lattice<2>&, const Vec<2>&);

@@ -17,11 +17,14 @@ template <int Dim>
 struct OrientedOptions {
   Lattice<Dim> lattice;
   std::vector<Eigen::Matrix<double, Dim, 1>> normals;  ///< in the frame
-  double width_mm = 1;                                 ///< sigma of the C0 Wendland profile, along n and across
+  double width_mm = 1;                                 ///< sigma of the C0 Wendland profiles in the plane
   double weight = 1;                                   ///< a_1 = 1 / (weight of 1/2 ||v||^2)
   /// Of elements beside each other in their plane, in sites; along axes whose sites are so far apart that half a width
   /// holds fewer, as many as it holds.
   int spacing = 1;
+  double normal_share = 1;  ///< of width_mm, sigma of the profile along n
+
+  double normal_width_mm() const { return normal_share * width_mm; }
 };
 
 /// Width of a site's cell along a direction, mm: that of a cube is the same for all.
@@ -43,7 +46,8 @@ std::size_t sites_with_room(const Lattice<Dim>& lattice, double width_mm, int sp
 ///
 /// with V the cell volume, S and V the averaged profiles of averaged_wendland.h (cells as wide as a site of the lattice
 /// is along that direction, in the plane as many of them as elements are apart), t_ej the frame's other axes. A layer
-/// of them jumps by as much as one of axis-aligned momenta m_i of the same size and kernel, whatever way n points.
+/// of them jumps by as much as one of axis-aligned momenta m_i of the same size and width along their axis, whatever
+/// way n points.
 ///
 /// An *element* is a pair (normal, site), numbered normal * sites + site; only those that a caller lists exist, so
 /// that all costs follow their number. Its momentum lies in its plane, m_e = sum_j c_ej t_ej: it can only slide, and
@@ -117,7 +121,8 @@ class OrientedMomenta {
   // element_transport.h). Their kernel stays turned as it was at time 0, when they had the momenta `at_start`: those
   // that had none make nothing.
 
-  /// velocity += a_1 V sum over e of m_0 P + sigma m_1 (N . grad) P at x - at, P the product of averaged values.
+  /// velocity += a_1 V sum over e of m_0 P + sigma m_1 (N . grad) P at x - at, P the product of averaged values, sigma
+  /// that along n.
   void add_transported(const std::vector<Element>& elements, const std::vector<TransportedElement<Dim, T>>& transported,
                        const T* at_start, T* velocity) const;
   /// Its transpose and derivative: duals of m_0 and m_1 and, if it `moves` and had a momentum, of N and the position.

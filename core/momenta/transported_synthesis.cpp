@@ -3,6 +3,7 @@
 #include "core/support/reduction.h"
 
 #include <algorithm>
+#include <array>
 
 // The velocity and the energy of transported elements.
 
@@ -34,6 +35,15 @@ struct Shapes {
   }
 };
 
+/// An element's profiles, with all slopes in units of sigma along the normal: what a derivative along any N is told in.
+template <int Dim, class T>
+std::array<AveragedWendland<T>, Dim> in_units_of_normal(const AveragedWendland<T> (&profiles)[Dim]) {
+  std::array<AveragedWendland<T>, Dim> p;
+  std::copy_n(profiles, Dim, p.begin());
+  for (int k = 1; k < Dim; ++k) p[k].slope_scale *= p[0].sigma / p[k].sigma;
+  return p;
+}
+
 template <int Dim, class T>
 bool is_idle(const T* momentum) {
   return std::all_of(momentum, momentum + Dim - 1, [](T value) { return value == T(0); });
@@ -57,11 +67,10 @@ void OrientedMomenta<Dim, T>::add_transported(const std::vector<Element>& elemen
       const TransportedElement<Dim, T>& one = transported[e];
       const Orientation& orientation = orientations_[normal_of(elements[e])];
       const Column along = one.place.axes * one.derivative, first = factor * one.first, zeroth = factor * one.zeroth;
-      AveragedWendland<T> p[Dim];
-      std::copy_n(orientation.profiles, Dim, p);
+      const auto p = in_units_of_normal<Dim, T>(orientation.profiles);
       visit_lanes<Dim, T>(options_.lattice, orientation.reaches(), one.place, begin, end,
                           [&](std::size_t at, const Register<T>* r) {
-                            const Shapes<Dim, T> shapes(p, r);
+                            const Shapes<Dim, T> shapes(p.data(), r);
                             Register<T> derived{};
                             for (int k = 0; k < Dim; ++k) derived += along[k] * shapes.slope[k] * shapes.others(k);
                             const Register<T> whole = shapes.others(-1);
@@ -84,14 +93,13 @@ TransportedElement<Dim, T> OrientedMomenta<Dim, T>::transported_dual(const Orien
   const PaddedField<Dim, T> dual(options_.lattice, by_component_);
   const std::size_t row = dual.row();
   const T factor = static_cast<T>(options_.weight * options_.lattice.cell_volume());
-  const T per_sigma = static_cast<T>(1 / options_.width_mm);
+  const T per_sigma = static_cast<T>(1 / options_.normal_width_mm());
   const Column along = one.place.axes * one.derivative, first = factor * one.first, zeroth = factor * one.zeroth;
-  AveragedWendland<T> p[Dim];
-  std::copy_n(orientation.profiles, Dim, p);
+  const auto p = in_units_of_normal<Dim, T>(orientation.profiles);
   Register<T> to_first[Dim] = {}, to_zeroth[Dim] = {}, to_along[Dim] = {}, force[Dim] = {};
   visit_lanes<Dim, T>(options_.lattice, orientation.reaches(), one.place, 0, options_.lattice.size[Dim - 1],
                       [&](std::size_t at, const Register<T>* r) {
-                        const Shapes<Dim, T> shapes(p, r);
+                        const Shapes<Dim, T> shapes(p.data(), r);
                         Register<T> derived{}, of_first{}, of_zeroth{};
                         for (int k = 0; k < Dim; ++k) derived += along[k] * shapes.slope[k] * shapes.others(k);
                         const Register<T> whole = shapes.others(-1);
@@ -157,11 +165,13 @@ double OrientedMomenta<Dim, T>::energy(const std::vector<Element>& elements,
         orientation.axes * (one.place.at.template cast<double>() - other.place.at.template cast<double>());
     double value[Dim], cross[Dim], slope[Dim];
     for (int k = 0; k < Dim; ++k) {
-      const AveragedWendland<double> p(options_.width_mm, 2 * static_cast<double>(orientation.profiles[k].half));
+      const AveragedWendland<double> p(k == 0 ? options_.normal_width_mm() : options_.width_mm,
+                                       2 * static_cast<double>(orientation.profiles[k].half));
       if (std::abs(apart[k]) > p.sigma + 2 * p.half) return 0.0;
+      const double unit = options_.normal_width_mm() / p.sigma;  // see in_units_of_normal
       value[k] = p.value_gram(apart[k]);
-      cross[k] = p.cross_gram(apart[k]);
-      slope[k] = p.slope_gram(apart[k]);
+      cross[k] = unit * p.cross_gram(apart[k]);
+      slope[k] = unit * unit * p.slope_gram(apart[k]);
     }
     const auto others = [&](int k, int l) {
       double rest = 1;

@@ -76,10 +76,15 @@ struct RegistrationOptions {
     double first_order_shear = 0;
     int orientations = 0;            ///< normals that oriented momenta are turned from; 0: there are none of these; -1:
                                      ///< 8 in 2-D and 9 in 3-D, none where there can be none
-    double oblique_share = 0;        ///< of an interface must be oblique for oriented momenta to begin
+    double oblique_share = 0;        ///< of an interface must be oblique for oriented momenta to begin; -1: by
+                                     ///< similarity and dimension, as measured
     int oriented_alone = 0;          ///< 1: no momenta along the axes join a scale that has turned ones and none of
                                      ///< these; -1: so where the fixed image has full contrast, see full_contrast
-    double oriented_sparsity = 0.4;  ///< lambda of oriented momenta, as a share of `sparsity`
+    double oriented_sparsity = 0;    ///< lambda of oriented momenta, as a share of `sparsity`; 0: by similarity and
+                                     ///< dimension, as measured
+    /// Width of the kernel of oriented momenta along their normal, as a share of the first orders'; 0: by similarity,
+    /// dimension and contrast, as measured (core/README.md, "Slip at any orientation").
+    double oriented_width = 0;
     bool first_order_waits = false;  ///< on each level order 0 settles before first-order momenta appear
     /// So many blocks of a scale's first-order fields are active at most, where they are sparse, as a share of those
     /// that Dim fields have at full resolution (momenta/block_set.h); of more that want to join those do that pull

@@ -321,13 +321,19 @@ const std::vector<Parameter>& parameters() {
           "none",
           [](O & o) -> auto& { return o.momenta.orientations; }),
       real(
-          "oriented_sparsity", "", 0, Lower::Exclusive, 100,
+          "oriented_sparsity", "", 0, Lower::Inclusive, 100,
           "weight of the group norm of oriented momenta, as a share of sparsity: they appear only where the velocity "
-          "shows an interface",
+          "shows an interface; 0: by similarity and dimension",
           [](O & o) -> auto& { return o.momenta.oriented_sparsity; }),
+      real_or_zero(
+          "oriented_width", "", 0.1, 2,
+          "width of the kernel of oriented momenta along their normal, as a share of the first orders' width; 0: by "
+          "similarity, dimension and, with ssd, contrast",
+          [](O & o) -> auto& { return o.momenta.oriented_width; }),
       real(
-          "oblique_share", "", 0, Lower::Inclusive, 1,
-          "oriented momenta begin only where so large a share of what may slide is oblique to the axes; 0: always",
+          "oblique_share", "", -1, Lower::Inclusive, 1,
+          "oriented momenta begin only where so large a share of what may slide is oblique to the axes; 0: always, -1 "
+          "(and nothing else below 0): by similarity and dimension",
           [](O & o) -> auto& { return o.momenta.oblique_share; }),
       integer(
           "oriented_alone", "", -1, 1,
@@ -495,6 +501,10 @@ std::vector<std::string> problems(const RegistrationOptions& options) {
   else if (shear > 0 && options.momenta.sparsity == 0)
     found.push_back(given_shear +
                     " and sparsity is 0, with which first orders always take part; set that above 0, or this to 0");
+  const double oblique = options.momenta.oblique_share;
+  if (oblique > -1 && oblique < 0)
+    found.push_back("parameter oblique_share is " + format(oblique) +
+                    "; below 0 it must be -1, which stands for what was measured");
   if (options.momenta.orientations > 0) {
     const std::string given = "parameter orientations is " + std::to_string(options.momenta.orientations);
     if (options.momenta.first_order_scales == 0 || options.model == Model::Directional)

@@ -47,6 +47,15 @@ double lncc_sparsity(int dimension, Preset preset) {
   return dimension == 2 ? 0.1 : 0.025;
 }
 
+/// Elements of a kernel that is narrow along the normal leave nothing beside an interface that order 0 would have to
+/// take back, and cost less; 3-D images are seen at half of their resolution, and there such elements do along the axes
+/// as well. Measured, core/README.md, "Slip at any orientation".
+bool are_elements_narrow(int dimension, SimilarityType similarity) {
+  return dimension == 3 && (similarity == SimilarityType::Ncc || similarity == SimilarityType::Lncc);
+}
+constexpr double kNarrowElement = 0.5;  // of the first orders' width
+constexpr double kLeastElement = 0.35;
+
 /// With lncc, beside first orders that were let in: what is sharp is theirs, and order 0 draws it out no more
 /// (core/README.md, "Regularisation").
 constexpr double kStifferBesideFirst = 10;
@@ -118,6 +127,10 @@ RegistrationOptions resolved(const RegistrationOptions& options, const Lattice<D
                      o.flow.evolution == Evolution::Carried;
     o.momenta.orientations = can ? (Dim == 2 ? 8 : 9) : 0;
   }
+  const bool is_narrow = are_elements_narrow(Dim, o.similarity);
+  if (o.momenta.oblique_share < 0) o.momenta.oblique_share = is_narrow ? 0 : 0.7;
+  if (o.momenta.oriented_sparsity == 0) o.momenta.oriented_sparsity = is_narrow ? 0.5 : 0.4;
+  if (o.momenta.oriented_width == 0 && is_narrow) o.momenta.oriented_width = kNarrowElement;
   // No more was wanted at full resolution in the 3-D images that this was measured on (core/README.md, "Memory").
   if (o.momenta.most_active_share == 0) o.momenta.most_active_share = o.model == Model::Auto && Dim == 3 ? 0.75 : 1;
   if (o.momenta.width_voxels == 0) {
@@ -147,9 +160,13 @@ RegistrationOptions resolved(const RegistrationOptions& options, const Lattice<D
       o.optimisation.round_tolerance = in_few_digits(o.optimisation.round_tolerance * share(counted * counted));
       if (o.momenta.regularisation_beside_first == 0)
         o.momenta.regularisation_beside_first = in_few_digits(o.momenta.regularisation * share(counted));
+      // Order 0 that is held so little fills what is beside an interface by itself.
+      if (o.momenta.oriented_width == 0)
+        o.momenta.oriented_width = std::max(kLeastElement, in_few_digits(share(counted)));
     }
     o.momenta.full_contrast = 0;  // it has been followed
   }
+  if (o.momenta.oriented_width == 0) o.momenta.oriented_width = 1;
   if (o.momenta.oriented_alone < 0) o.momenta.oriented_alone = 1;
   if (o.model == Model::Auto && o.similarity == SimilarityType::Lncc && o.preset != Preset::Fast &&
       o.momenta.regularisation_beside_first == 0)
@@ -212,6 +229,7 @@ std::vector<PlacedScale<Dim, T>> make_scales(const Lattice<Dim>& image, const Re
         made.direction = nearest_directions<Dim>(image, directions, made.lattice);
       if (has_first(orders)) made.normals = spread_normals<Dim>(momenta.orientations);
       made.oriented_spacing = kElementSpacing<Dim>;
+      made.oriented_normal_share = momenta.oriented_width;
       made.zeroth_weight = 1 / momenta.regularisation;
       made.first_weight = 1 / momenta.first_order_regularisation;
       scales.push_back({q, std::make_unique<MomentumScale<Dim, T>>(made)});

@@ -56,7 +56,7 @@ void add_oriented(const OrientedMomenta<Dim, T>& oriented, const MomentumPointer
                   std::vector<JumpElement<Dim>>& elements) {
   using Oriented = OrientedMomenta<Dim, T>;
   const OrientedOptions<Dim>& options = oriented.options();
-  const double unit = -6 / options.width_mm * options.weight * options.lattice.cell_volume();
+  const double unit = -6 / options.normal_width_mm() * options.weight * options.lattice.cell_volume();
   std::vector<T> corners;
   oriented.place(*momenta.elements, corners);
   for (std::size_t e = 0; e < momenta.elements->size(); ++e) {
