@@ -32,8 +32,8 @@ struct MomentumScaleOptions {
   /// Normals of oriented momenta (oriented_momenta.h) of the kernel's width and with the weight a_1, beside first
   /// orders. Empty: there are none.
   std::vector<Eigen::Matrix<double, Dim, 1>> normals = {};
-  int oriented_spacing = 1;           ///< of what has these normals, see OrientedOptions
-  double oriented_normal_share = 1;   ///< of the kernel's width that theirs has along the normal
+  int oriented_spacing = 1;          ///< of what has these normals, see OrientedOptions
+  double oriented_normal_share = 1;  ///< of the kernel's width that theirs has along the normal
 };
 
 /// Momenta of one kernel on one lattice, as cell averages, and the velocity they make:

@@ -344,6 +344,7 @@ void collect_momenta(const std::vector<MomentumScale<Dim, float>*>& scales,
           for (int c = 0; c < Dim; ++c)
             sums[Dim * site + c] += momenta[s].oriented[Oriented::kComponents * e + j - 1] * place.axes(j, c);
       }
+      field.normal_width_mm = oriented->options().normal_width_mm();
       take(MomentumField<Dim>::kOriented, sums.data());
     }
   }

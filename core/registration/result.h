@@ -95,6 +95,7 @@ struct MomentumField {
   static constexpr int kOriented = -2;  ///< oriented first-order momenta, at each site the sum of those that lie on it
   std::string kernel;                   ///< "gaussian" or "wendland"
   double width_mm = 0;
+  double normal_width_mm = 0;  ///< of oriented momenta, along their normal
   int axis = -1;              ///< kZeroth; i: the first-order momentum m_i along grid axis i; kOriented
   VectorVolume<Dim> vectors;  ///< components along the grid's axes
 };

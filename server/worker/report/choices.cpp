@@ -155,11 +155,11 @@ std::vector<Choice> choices(const ReportInput<Dim>& input) {
   }
   for (const LevelSummary& level : summary.levels) {
     const RegistrationOptions::Momenta& asked = input.result->options.momenta;
-    if (level.oblique_share == 0 || asked.oblique_share == 0) continue;
+    if (level.oblique_share == 0 || input.options->momenta.oblique_share == 0) continue;
     found.push_back({"level " + std::to_string(level.level) + ": oriented momenta",
                      level.oriented_elements > 0 ? std::to_string(level.oriented_elements) : "left out", "",
-                     percentage(level.oblique_share) +
-                         " of what may slide is oblique to the axes (asked: " + percentage(asked.oblique_share) + ")",
+                     percentage(level.oblique_share) + " of what may slide is oblique to the axes" +
+                         (asked.oblique_share > 0 ? " (asked: " + percentage(asked.oblique_share) + ")" : ""),
                      false});
   }
   return found;

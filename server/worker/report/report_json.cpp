@@ -121,6 +121,7 @@ Json describe(const MomentumField<Dim>& field) {
   if (field.axis == MomentumField<Dim>::kOriented) json["axis"] = "oriented";
   json["kernel"] = field.kernel;
   json["width_mm"] = field.width_mm;
+  if (field.axis == MomentumField<Dim>::kOriented) json["normal_width_mm"] = field.normal_width_mm;
   json["size"] = field.vectors.grid.size;
   json["spacing_mm"] = list(field.vectors.grid.spacing);
   json["active_share"] = active_share(field.vectors);

@@ -51,7 +51,7 @@ struct Flow {
 };
 
 template <int Dim>
-OrientedMomenta<Dim, double> momenta_on(double spacing, int apart = 1) {
+OrientedMomenta<Dim, double> momenta_on(double spacing, int apart = 1, double normal_share = 1) {
   OrientedOptions<Dim> options;
   const double extent[3] = {24, 18, 15};
   for (int a = 0; a < Dim; ++a) {
@@ -63,6 +63,7 @@ OrientedMomenta<Dim, double> momenta_on(double spacing, int apart = 1) {
   options.width_mm = 6;
   options.weight = 0.7;
   options.spacing = apart;
+  options.normal_share = normal_share;
   return OrientedMomenta<Dim, double>(options);
 }
 
@@ -177,13 +178,13 @@ TEST(ElementTransport, DoesNotDifferentiateAcrossTheElement) {
 template <int Dim>
 struct Anywhere {
   static constexpr std::size_t kIdle = 5;  ///< an element without momentum
-  OrientedMomenta<Dim, double> momenta = momenta_on<Dim>(1, Dim == 3 ? 2 : 1);
+  OrientedMomenta<Dim, double> momenta;
   std::vector<std::uint32_t> elements = some_elements(momenta);
   std::vector<double> values = random_values((Dim - 1) * elements.size(), 2), points;
   ElementTransport<Dim, double> transport{momenta, Evolution::Exact};
   std::vector<TransportedElement<Dim, double>> transported;
 
-  Anywhere() {
+  explicit Anywhere(double normal_share) : momenta(momenta_on<Dim>(1, Dim == 3 ? 2 : 1, normal_share)) {
     for (std::size_t j = 0; j + 1 < Dim; ++j) values[(Dim - 1) * kIdle + j] = 0;
     if (Dim == 3) values[(Dim - 1) * (kIdle + 1)] = 0;  // along one axis of its plane alone
     transport.place(elements, points);
@@ -199,8 +200,8 @@ struct Anywhere {
 
 // At time 0 they are what OrientedMomenta says, and so is their energy.
 template <int Dim>
-void expect_elements_at_rest() {
-  Anywhere<Dim> scene;
+void expect_elements_at_rest(double normal_share) {
+  Anywhere<Dim> scene(normal_share);
   std::vector<double> corners, wanted(Dim * scene.momenta.lattice().sites(), 0.0);
   scene.momenta.place(scene.elements, corners);
   scene.momenta.add_velocity(scene.elements, corners.data(), scene.values.data(), wanted.data());
@@ -220,14 +221,16 @@ void expect_elements_at_rest() {
 }
 
 TEST(ElementTransport, LeavesElementsAtRestAsTheyAre) {
-  expect_elements_at_rest<2>();
-  expect_elements_at_rest<3>();
+  for (double normal_share : {1.0, 0.5}) {
+    expect_elements_at_rest<2>(normal_share);
+    expect_elements_at_rest<3>(normal_share);
+  }
 }
 
 // Oracle: the sum in oriented_momenta.h with derivatives by differences of the product of averaged values.
 template <int Dim>
-void expect_the_written_sum() {
-  const Anywhere<Dim> scene;
+void expect_the_written_sum(double normal_share) {
+  const Anywhere<Dim> scene(normal_share);
   const Lattice<Dim>& lattice = scene.momenta.lattice();
   Lattice<Dim> apart = lattice;
   const Index<Dim> steps = sites_apart(lattice, 6.0, scene.momenta.options().spacing);
@@ -240,7 +243,8 @@ void expect_the_written_sum() {
       double value = 1;
       for (int k = 0; k < Dim; ++k) {
         const Vec<Dim> axis = one.place.axes.row(k).transpose();
-        value *= AveragedWendland<double>(6, cell_along<Dim>(k == 0 ? lattice : apart, axis)).value(axis.dot(r));
+        const double width = k == 0 ? 6 * normal_share : 6;
+        value *= AveragedWendland<double>(width, cell_along<Dim>(k == 0 ? lattice : apart, axis)).value(axis.dot(r));
       }
       return value;
     };
@@ -251,7 +255,7 @@ void expect_the_written_sum() {
         constexpr double step = 1e-5;
         const double derived = (product(r + step * one.derivative) - product(r - step * one.derivative)) / (2 * step);
         Eigen::Map<Vec<Dim>>(wanted.data() + Dim * site) +=
-            0.7 * lattice.cell_volume() * (product(r) * one.zeroth + 6 * derived * one.first);
+            0.7 * lattice.cell_volume() * (product(r) * one.zeroth + 6 * normal_share * derived * one.first);
       });
   }
   const std::vector<double> made = scene.made(scene.transported);
@@ -261,13 +265,15 @@ void expect_the_written_sum() {
 }
 
 TEST(ElementTransport, MakesTheVelocityThatIsWritten) {
-  expect_the_written_sum<2>();
-  expect_the_written_sum<3>();
+  for (double normal_share : {1.0, 0.5}) {
+    expect_the_written_sum<2>(normal_share);
+    expect_the_written_sum<3>(normal_share);
+  }
 }
 
 template <int Dim>
-void expect_exact_adjoints() {
-  Anywhere<Dim> scene;
+void expect_exact_adjoints(double normal_share) {
+  Anywhere<Dim> scene(normal_share);
   const std::vector<double> dual = random_values(Dim * scene.momenta.lattice().sites(), 3);
   // Of the velocity: every member of every element.
   std::vector<TransportedElement<Dim, double>> duals(scene.elements.size());
@@ -351,18 +357,22 @@ void expect_exact_adjoints() {
 }
 
 TEST(ElementTransport, HasExactAdjoints) {
-  expect_exact_adjoints<2>();
-  expect_exact_adjoints<3>();
+  for (double normal_share : {1.0, 0.5}) {
+    expect_exact_adjoints<2>(normal_share);
+    expect_exact_adjoints<3>(normal_share);
+  }
 }
 
 /// How far the energy of elements drifts along their flow, as a share of it. `momentum(r, normal)` is theirs at r from
 /// the middle, 0 where there are none.
 template <class Momentum>
-double drift(double spacing, int steps, Evolution evolution, const std::vector<double>& angles, Momentum&& momentum) {
+double drift(double spacing, int steps, Evolution evolution, const std::vector<double>& angles, double normal_share,
+             Momentum&& momentum) {
   const int n = static_cast<int>(96 / spacing);
   const Lattice<2> lattice{{n, n}, {spacing, spacing}, {}};
   MomentumScaleOptions<2> options{make_wendland_profile(16), lattice, Orders::ZerothAndFirst, 1.0, 0.7};
   for (double angle : angles) options.normals.emplace_back(std::cos(angle), std::sin(angle));
+  options.oriented_normal_share = normal_share;
   MomentumScale<2, double> scale(options);
   std::vector<std::uint32_t> elements;
   std::vector<double> values;
@@ -387,10 +397,11 @@ double drift(double spacing, int steps, Evolution evolution, const std::vector<d
 }
 
 /// Two smooth blobs of momentum along an oblique plane that pass each other; and across, if there are two normals, one.
-double drift_of_blobs(double spacing, int steps, Evolution evolution, std::size_t normals = 1) {
+double drift_of_blobs(double spacing, int steps, Evolution evolution, std::size_t normals = 1,
+                      double normal_share = 1) {
   const std::vector<double> angles = {0.5, 1.6};
   return drift(spacing, steps, evolution, {angles.begin(), angles.begin() + static_cast<std::ptrdiff_t>(normals)},
-               [](const Vec<2>& r, std::size_t normal) {
+               normal_share, [](const Vec<2>& r, std::size_t normal) {
                  const auto blob = [&](double x, double y) { return std::exp(-(r - Vec<2>(x, y)).squaredNorm() / 40); };
                  const double m = normal == 0 ? blob(-4, 4) - 0.8 * blob(5, -5) : 0.9 * blob(3, 4);
                  return std::abs(m) < 0.01 ? 0 : 4 * m;
@@ -407,6 +418,14 @@ TEST(ElementTransport, ConservesTheEnergyOfOneKernel) {
   EXPECT_GT(std::abs(drift_of_blobs(1, 8, Evolution::Exact, 2)), 5 * std::abs(coarse)) << coarse;
 }
 
+// The same of a kernel that is half as wide along the normal.
+TEST(ElementTransport, ConservesTheEnergyOfANarrowKernel) {
+  const double coarse = drift_of_blobs(1, 8, Evolution::Exact, 1, 0.5),
+               fine = drift_of_blobs(0.5, 8, Evolution::Exact, 1, 0.5);
+  EXPECT_LT(std::abs(fine), 0.004);
+  EXPECT_LT(std::abs(fine), 0.4 * std::abs(coarse)) << coarse;
+}
+
 // As above: second order in the time step.
 TEST(ElementTransport, ConservesEnergyToSecondOrderInTheTimeStep) {
   const double limit = drift_of_blobs(1.5, 24, Evolution::Exact);
@@ -420,7 +439,7 @@ TEST(ElementTransport, ConservesEnergyToSecondOrderInTheTimeStep) {
 TEST(ElementTransport, ConservesTheEnergyOfASheetThatMovesLittle) {
   const auto drift_of_sheet = [](double spacing, double amount) {
     const Vec<2> n(std::cos(0.5), std::sin(0.5));
-    return std::abs(drift(spacing, 8, Evolution::Exact, {0.5}, [&](const Vec<2>& r, std::size_t) {
+    return std::abs(drift(spacing, 8, Evolution::Exact, {0.5}, 1, [&](const Vec<2>& r, std::size_t) {
       const double along = r.squaredNorm() - std::pow(r.dot(n), 2);
       return std::abs(r.dot(n)) <= spacing / 2 * n[0] && along < 400 ? amount / spacing * std::exp(-along / 80) : 0;
     }));

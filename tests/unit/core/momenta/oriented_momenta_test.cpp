@@ -38,9 +38,9 @@ Lattice<Dim> small_lattice() {
 }
 
 template <int Dim>
-OrientedMomenta<Dim, double> small_momenta(int spacing = 1) {
+OrientedMomenta<Dim, double> small_momenta(int spacing = 1, double normal_share = 1) {
   return OrientedMomenta<Dim, double>(
-      {small_lattice<Dim>(), spread_normals<Dim>(Dim == 2 ? 8 : 13), 3.1 * spacing, 0.7, spacing});
+      {small_lattice<Dim>(), spread_normals<Dim>(Dim == 2 ? 8 : 13), 3.1 * spacing, 0.7, spacing, normal_share});
 }
 
 /// Every seventh element or so, of all normals.
@@ -111,9 +111,9 @@ TEST(SpreadNormals, AreUnitVectorsFarFromEachOtherWithTheAxesFirst) {
 }
 
 template <int Dim>
-void expect_the_written_sum(int spacing) {
+void expect_the_written_sum(int spacing, double normal_share = 1) {
   omp_set_num_threads(1);
-  auto momenta = small_momenta<Dim>(spacing);
+  auto momenta = small_momenta<Dim>(spacing, normal_share);
   const Lattice<Dim>& lattice = momenta.lattice();
   // Some sites have a normal of their own.
   std::vector<double> normals(Dim * lattice.sites(), 0.0), drawn = testing::random_values(normals.size(), 3);
@@ -131,7 +131,8 @@ void expect_the_written_sum(int spacing) {
   momenta.place(elements, corners);
   momenta.add_velocity(elements, corners.data(), values.data(), velocity.data());
 
-  const auto k0 = make_wendland_profile(momenta.options().width_mm);
+  const auto k0 = make_wendland_profile(momenta.options().width_mm),
+             along_normal = make_wendland_profile(normal_share * momenta.options().width_mm);
   const auto untouched = small_momenta<Dim>(spacing);
   std::size_t turned = 0;
   for (std::size_t e = 0; e < elements.size(); ++e) {
@@ -171,7 +172,7 @@ void expect_the_written_sum(int spacing) {
         Vec<Dim> x;
         for (int a = 0; a < Dim; ++a) x[a] = lattice.offset[a] + index[a] * lattice.spacing[a];
         const Vec<Dim> r = place.axes * (x - place.at);
-        double shape = momenta.options().weight * lattice.cell_volume() * averaged_slope(*k0, cell[0], r[0]);
+        double shape = momenta.options().weight * lattice.cell_volume() * averaged_slope(*along_normal, cell[0], r[0]);
         for (int k = 1; k < Dim; ++k) shape *= averaged_value(*k0, cell[k], r[k]);
         for (int j = 1; j < Dim; ++j)
           for (int a = 0; a < Dim; ++a)
@@ -192,6 +193,8 @@ TEST(OrientedMomenta, MakeTheSumOverElements2d) { expect_the_written_sum<2>(1); 
 TEST(OrientedMomenta, MakeTheSumOverElements3d) { expect_the_written_sum<3>(1); }
 TEST(OrientedMomenta, MakeTheSumOverElementsApart2d) { expect_the_written_sum<2>(2); }
 TEST(OrientedMomenta, MakeTheSumOverElementsApart3d) { expect_the_written_sum<3>(3); }
+TEST(OrientedMomenta, MakeTheSumOverNarrowElements2d) { expect_the_written_sum<2>(2, 0.4); }
+TEST(OrientedMomenta, MakeTheSumOverNarrowElements3d) { expect_the_written_sum<3>(3, 0.5); }
 
 // Oracle: the sum as it is written, of elements that reach more rows than are looked at together.
 template <int Dim, class T>
@@ -345,9 +348,9 @@ TEST(OrientedMomenta, CoverAPlaneInThickSlices) {
 }
 
 template <int Dim>
-void expect_the_exact_adjoint() {
+void expect_the_exact_adjoint(double normal_share = 1) {
   using testing::dot;
-  auto momenta = small_momenta<Dim>();
+  auto momenta = small_momenta<Dim>(1, normal_share);
   const std::vector<std::uint32_t> elements = some_elements(momenta);
   std::vector<double> corners;
   momenta.place(elements, corners);
@@ -382,6 +385,8 @@ void expect_the_exact_adjoint() {
 
 TEST(OrientedMomenta, HaveTheExactAdjoint2d) { expect_the_exact_adjoint<2>(); }
 TEST(OrientedMomenta, HaveTheExactAdjoint3d) { expect_the_exact_adjoint<3>(); }
+TEST(OrientedMomenta, HaveTheExactAdjointWhereTheyAreNarrow2d) { expect_the_exact_adjoint<2>(0.4); }
+TEST(OrientedMomenta, HaveTheExactAdjointWhereTheyAreNarrow3d) { expect_the_exact_adjoint<3>(0.5); }
 
 // Other registers, other numbers of them in a row.
 template <int Dim>
@@ -454,39 +459,40 @@ TEST(OrientedMomenta, DoNotDependOnTheNumberOfThreads) {
 TEST(OrientedMomenta, JumpByTheSameAtEveryAngle) {
   const auto lattice = testing::unit_lattice<2>({61, 61});
   const double sigma = 6, half_width = 0.5;
-  for (double degrees : {0.0, 22.5, 45.0, 67.5, 90.0}) {
-    OrientedMomenta<2, double> momenta({lattice, spread_normals<2>(8), sigma, 1.0});
-    const double angle = degrees * M_PI / 180;
-    const Vec<2> n(std::cos(angle), std::sin(angle)), middle(30, 30);
-    std::size_t normal = 0;
-    for (std::size_t k = 0; k < 8; ++k)
-      if (std::abs(momenta.options().normals[k].dot(n)) > 1 - 1e-9) normal = k;
-    // Sites within half a sample of the line, with what makes one momentum of size 1 for each unit of its length.
-    std::vector<std::uint32_t> elements;
-    double total = 0;
-    for (int y = 0; y < 61; ++y)
-      for (int x = 0; x < 61; ++x)
-        if (std::abs(n.dot(Vec<2>(x, y) - middle)) <= half_width) {
-          elements.push_back(static_cast<std::uint32_t>(normal * lattice.sites() + 61 * y + x));
-          total += (Vec<2>(x, y) - middle).norm() < 20;
-        }
-    const std::vector<double> values(elements.size(), 40 / total);
-    std::vector<double> corners, velocity(2 * lattice.sites(), 0.0);
-    momenta.place(elements, corners);
-    momenta.add_velocity(elements, corners.data(), values.data(), velocity.data());
-    // On either side sigma / mass k0' of the distance: 2 / mass at the line itself, a jump of 4 / mass.
-    const double mass = 2 * sigma / 3;
-    for (double distance : {-4.0, -2.0, 2.0, 4.0}) {
-      const Vec<2> at = middle + distance * n;
-      const Vec<2> sample(std::round(at[0]), std::round(at[1]));
-      const auto site = static_cast<std::size_t>(61 * sample[1] + sample[0]);
-      const double r = n.dot(sample - middle), sign = r > 0 ? -1 : 1;
-      const Vec<2> t(-n[1], n[0]), v(velocity[2 * site], velocity[2 * site + 1]);
-      const double given = momenta.options().normals[normal].dot(n);  // its own sign
-      EXPECT_NEAR(t.dot(v), given * given * sign * 2 / mass * (1 - std::abs(r) / sigma), 0.03) << degrees;
-      EXPECT_NEAR(n.dot(v), 0, 1e-12);
+  for (double degrees : {0.0, 22.5, 45.0, 67.5, 90.0})
+    for (double normal_share : {1.0, 0.5}) {
+      OrientedMomenta<2, double> momenta({lattice, spread_normals<2>(8), sigma / normal_share, 1.0, 1, normal_share});
+      const double angle = degrees * M_PI / 180;
+      const Vec<2> n(std::cos(angle), std::sin(angle)), middle(30, 30);
+      std::size_t normal = 0;
+      for (std::size_t k = 0; k < 8; ++k)
+        if (std::abs(momenta.options().normals[k].dot(n)) > 1 - 1e-9) normal = k;
+      // Sites within half a sample of the line, with what makes one momentum of size 1 for each unit of its length.
+      std::vector<std::uint32_t> elements;
+      double total = 0;
+      for (int y = 0; y < 61; ++y)
+        for (int x = 0; x < 61; ++x)
+          if (std::abs(n.dot(Vec<2>(x, y) - middle)) <= half_width) {
+            elements.push_back(static_cast<std::uint32_t>(normal * lattice.sites() + 61 * y + x));
+            total += (Vec<2>(x, y) - middle).norm() < 20;
+          }
+      const std::vector<double> values(elements.size(), 40 / total);
+      std::vector<double> corners, velocity(2 * lattice.sites(), 0.0);
+      momenta.place(elements, corners);
+      momenta.add_velocity(elements, corners.data(), values.data(), velocity.data());
+      // On either side sigma / mass k0' of the distance: 2 / mass at the line itself, a jump of 4 / mass.
+      const double mass = 2 * sigma / 3;
+      for (double distance : {-4.0, -2.0, 2.0, 4.0}) {
+        const Vec<2> at = middle + distance * n;
+        const Vec<2> sample(std::round(at[0]), std::round(at[1]));
+        const auto site = static_cast<std::size_t>(61 * sample[1] + sample[0]);
+        const double r = n.dot(sample - middle), sign = r > 0 ? -1 : 1;
+        const Vec<2> t(-n[1], n[0]), v(velocity[2 * site], velocity[2 * site + 1]);
+        const double given = momenta.options().normals[normal].dot(n);  // its own sign
+        EXPECT_NEAR(t.dot(v), given * given * sign * 2 / mass * (1 - std::abs(r) / sigma), 0.03) << degrees;
+        EXPECT_NEAR(n.dot(v), 0, 1e-12);
+      }
     }
-  }
 }
 
 TEST(OrientedMomenta, RefuseNormalsThatAreNone) {

@@ -4,6 +4,7 @@
 
 #include <gtest/gtest.h>
 
+#include "core/momenta/spread_normals.h"
 #include "core/support/errors.h"
 #include "tests/unit/core/slip/made_sheet.h"
 
@@ -72,6 +73,37 @@ void expect_the_jump_of_the_velocity(int axis) {
 TEST(JumpDensity, JumpsByWhatTheVelocityDoes) {
   for (int axis : {0, 1}) expect_the_jump_of_the_velocity<2>(axis);
   for (int axis : {0, 2}) expect_the_jump_of_the_velocity<3>(axis);
+}
+
+// A layer of elements, whose kernel may be narrower along the normal, one sample thick.
+TEST(JumpDensity, JumpsByWhatTheVelocityOfElementsDoes) {
+  for (double normal_share : {1.0, 0.5}) {
+    MomentumScaleOptions<2> options;
+    const double width = 12;
+    options.kernel = make_wendland_profile(width);
+    options.lattice = {{33, 33}, {1, 1.2}, {0.3, 0.3}};
+    options.orders = Orders::First;
+    options.first_weight = 2;
+    options.normals = spread_normals<2>(4);
+    options.oriented_normal_share = normal_share;
+    const MomentumScale<2, double> scale(options);
+    std::vector<std::uint32_t> elements;
+    for (std::uint32_t y = 0; y < 33; ++y) elements.push_back(33 * y + 15);
+    const std::vector<double> values(elements.size(), 0.3);
+    std::vector<double> corners, velocity(scale.field_size(), 0.0);
+    scale.oriented()->place(elements, corners);
+    scale.oriented()->add_velocity(elements, corners.data(), values.data(), velocity.data());
+    MomentumPointers<double> momenta;
+    momenta.elements = &elements;
+    momenta.oriented = values.data();
+    const JumpDensity<2> density(jump_elements<2, double>(scale, momenta));
+    const Vector<2> found = density.jump_across({15.3, 0.3 + 16 * 1.2}, Vector<2>::UnitX());
+    const std::size_t middle = 33 * 16 + 15;
+    const double jump = velocity[2 * (middle + 1) + 1] - velocity[2 * (middle - 1) + 1];
+    EXPECT_GT(std::abs(jump), 0.1);
+    EXPECT_NEAR(found[0], 0, 1e-9);
+    EXPECT_NEAR(found[1] * (1 - 1 / (normal_share * width)), jump, 2e-3 * std::abs(jump)) << normal_share;
+  }
 }
 
 TEST(JumpDensity, KnowsNoneOfKernelsThatAreSmooth) {

@@ -202,11 +202,15 @@ TEST(Choices, TellWhetherMomentaWereOrientedAndWhy) {
   LevelSummary& level = scene.result.summary.levels[0];
   level.oblique_share = 0.75;
   EXPECT_THAT(choices(scene.report), Not(Contains(named)));  // they were asked for, nothing was decided
+  scene.options.momenta.oblique_share = -1;                  // by similarity and dimension: 0.5, or below always
   scene.result.options.momenta.oblique_share = 0.5;
   const auto because = Field(&Choice::why, AllOf(HasSubstr("75"), HasSubstr("oblique"), HasSubstr("asked: 50")));
   EXPECT_THAT(choices(scene.report), Contains(AllOf(named, Field(&Choice::value, "left out"), because)));
   level.oriented_elements = 17;
   EXPECT_THAT(choices(scene.report), Contains(AllOf(named, Field(&Choice::value, "17"), because)));
+  scene.result.options.momenta.oblique_share = 0;
+  EXPECT_THAT(choices(scene.report),
+              Contains(AllOf(named, Field(&Choice::value, "17"), Field(&Choice::why, Not(HasSubstr("asked"))))));
 }
 
 TEST(Choices, MakeACommandThatAsksForTheSameAgain) {
