@@ -36,6 +36,21 @@ GeodesicShooting<Dim, T>::SharedLattice::SharedLattice(const Lattice<Dim>& latti
       moved(BlockMask<Dim>::all(lattice)),
       acting(moved) {}
 
+/// Where its sites are, once a scale has momenta at them.
+template <int Dim, class T>
+void GeodesicShooting<Dim, T>::SharedLattice::make_fields() {
+  const std::size_t field = Dim * lattice.sites(), steps = position.size();
+  for (std::size_t k = 1; k <= steps; ++k) {
+    if (k < steps) position[k].resize(field);
+    predicted[k].resize(field);
+  }
+  predicted_dual.resize(field);
+  if (steps > 1) position_dual.resize(field);
+  if (prolongation.is_identity()) return;
+  sum.resize(field);
+  restricted.resize(field);
+}
+
 template <int Dim, class T>
 GeodesicShooting<Dim, T>::GeodesicShooting(std::vector<MomentumScale<Dim, T>*> scales,
                                            const Lattice<Dim>& velocity_lattice, int time_steps, Evolution evolution,
@@ -48,22 +63,12 @@ GeodesicShooting<Dim, T>::GeodesicShooting(std::vector<MomentumScale<Dim, T>*> s
     const bool same_lattice_before = same != nullptr;
     if (!same) {
       auto shared = std::make_unique<SharedLattice>(scale->lattice(), velocity_lattice, evolution);
-      const std::size_t field = scale->field_size();
       shared->position.resize(time_steps);
       shared->predicted.resize(time_steps + 1);
-      for (int k = 1; k <= time_steps; ++k) {
-        if (k < time_steps) shared->position[k].resize(field);
-        shared->predicted[k].resize(field);
-      }
-      shared->predicted_dual.resize(field);
-      if (time_steps > 1) shared->position_dual.resize(field);
-      if (!shared->prolongation.is_identity()) {
-        shared->sum.resize(field);
-        shared->restricted.resize(field);
-      }
       same = shared.get();
       lattices_.push_back(std::move(shared));
     }
+    if (scale->has_fields()) same->make_fields();
     ScaleState state;
     state.scale = scale;
     state.shared = same;
@@ -72,9 +77,9 @@ GeodesicShooting<Dim, T>::GeodesicShooting(std::vector<MomentumScale<Dim, T>*> s
     state.transport = std::make_unique<CoadjointTransport<Dim, T>>(scale->lattice(), scale->first_order_unit(), zeroth,
                                                                    scale->has_first_order(), evolution);
     // With `exact` first orders turn into order 0.
-    if (zeroth || evolution == Evolution::Exact) state.zeroth.resize(scale->field_size());
+    if (zeroth || (scale->has_first_order() && evolution == Evolution::Exact)) state.zeroth.resize(scale->field_size());
     if (scale->has_first_order()) state.first.resize(Dim * scale->field_size());
-    if (same_lattice_before || !zeroth) state.velocity.resize(scale->field_size());
+    if (scale->has_fields() && (same_lattice_before || !zeroth)) state.velocity.resize(scale->field_size());
     if (scale->oriented())
       state.oriented =
           std::make_unique<OrientedFlow<Dim, T>>(*scale->oriented(), velocity_lattice, time_steps, evolution);
@@ -109,7 +114,7 @@ void GeodesicShooting<Dim, T>::choose_sites() {
     shared->moved = shared->acting =
         shared->moves_everywhere ? BlockMask<Dim>::all(lattice) : BlockMask<Dim>::none(lattice);
     for (std::size_t s = 0; s < states_.size() && !shared->moves_everywhere; ++s) {
-      if (states_[s].shared != shared.get()) continue;
+      if (states_[s].shared != shared.get() || !states_[s].scale->has_first_order()) continue;
       for (const BlockMask<Dim>& mask : masks_of<Dim>(lattice, momenta_of(s))) shared->acting |= mask;
       for (const BlockMask<Dim>& mask : masks_of<Dim>(lattice, wanted_of(s))) shared->moved |= mask;
     }
@@ -204,7 +209,7 @@ void GeodesicShooting<Dim, T>::start(const std::vector<MomentumPointers<T>>& mom
     states_[s].reached.clear();
     const T* velocity =
         add_velocity(states_[s], momenta[s].zeroth, momenta[s].first, at_start(s, momenta_of(s)), velocities_[0]);
-    if (on_start && !states_[s].scale->has_first_order()) on_start(s, velocity);
+    if (on_start && states_[s].scale->has_fields() && !states_[s].scale->has_first_order()) on_start(s, velocity);
     if (states_[s].oriented) states_[s].oriented->begin(momenta[s].elements, momenta[s].oriented);
   }
   finish_velocity(0, velocities_[0]);
@@ -266,9 +271,11 @@ std::vector<double> GeodesicShooting<Dim, T>::hamiltonians(const std::vector<Mom
     for (int k = 0; k <= time_steps_ && states_[s].oriented; ++k) energies[k] += states_[s].oriented->energy(k);
   }
   for (int k = 1; k <= time_steps_; ++k) {
-    for (auto& shared : lattices_) shared->sites.move(shared->predicted[k].data());
+    for (auto& shared : lattices_)
+      if (!shared->predicted[k].empty()) shared->sites.move(shared->predicted[k].data());
     for (std::size_t s = 0; s < states_.size(); ++s) {
       ScaleState& state = states_[s];
+      if (!state.scale->has_fields()) continue;
       state.transport->push(state.shared->sites, momenta[s].zeroth, momenta[s].first, {}, state.scale->everywhere(),
                             mutable_pointer(state.zeroth), state.first.data());
       energies[k] += state.scale->total_energy(pointer(state.zeroth), pointer(state.first));

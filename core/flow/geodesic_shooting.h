@@ -90,10 +90,12 @@ class GeodesicShooting {
   /// What scales on one lattice have in common.
   struct SharedLattice {
     explicit SharedLattice(const Lattice<Dim>& lattice, const Lattice<Dim>& velocity_lattice, Evolution evolution);
+    void make_fields();
     Lattice<Dim> lattice;
     bool moves_everywhere = false;  ///< a scale has an order 0
     LatticeInterpolation<Dim, T> prolongation;
     MovedSites<Dim, T> sites;
+    // Fields are empty where no scale has momenta at the sites.
     std::vector<Field<T>> position;   ///< displacement of the sites at node k = 0..N-1; [0] empty, meaning 0
     std::vector<Field<T>> predicted;  ///< at node k = 1..N; [0] empty
     BlockMask<Dim> moved;             ///< where sites have to be known

@@ -12,11 +12,12 @@
 
 namespace saltus {
 
-/// The orders that a scale's initial momentum has.
-enum class Orders { Zeroth, First, ZerothAndFirst };
+/// The orders that a scale's initial momentum has. `Oriented`: oriented momenta alone, which need no fields.
+enum class Orders { Zeroth, First, ZerothAndFirst, Oriented };
 
-inline bool has_zeroth(Orders orders) { return orders != Orders::First; }
-inline bool has_first(Orders orders) { return orders != Orders::Zeroth; }
+inline bool has_zeroth(Orders orders) { return orders == Orders::Zeroth || orders == Orders::ZerothAndFirst; }
+/// Along the axes.
+inline bool has_first(Orders orders) { return orders == Orders::First || orders == Orders::ZerothAndFirst; }
 
 /// What a scale is made of.
 template <int Dim>
@@ -29,8 +30,8 @@ struct MomentumScaleOptions {
   /// Unit vectors w, Dim components a site (see directional_momentum.h): who optimises first orders then has one field
   /// m_w and expands it. Empty: one field for each axis. The scale itself always sees the Dim fields.
   Field<double> direction = {};
-  /// Normals of oriented momenta (oriented_momenta.h) of the kernel's width and with the weight a_1, beside first
-  /// orders. Empty: there are none.
+  /// Normals of oriented momenta (oriented_momenta.h) of the kernel's width and with the weight a_1. Empty: there are
+  /// none.
   std::vector<Eigen::Matrix<double, Dim, 1>> normals = {};
   int oriented_spacing = 1;          ///< of what has these normals, see OrientedOptions
   double oriented_normal_share = 1;  ///< of the kernel's width that theirs has along the normal
@@ -54,7 +55,10 @@ class MomentumScale {
 
   const MomentumScaleOptions<Dim>& options() const { return options_; }
   const Lattice<Dim>& lattice() const { return options_.lattice; }
-  bool has_first_order() const { return has_first(options_.orders); }
+  bool has_first_order() const { return has_first(options_.orders); }  ///< along the axes
+  bool has_fields() const { return has_first_order() || has_zeroth(options_.orders); }
+  /// Whether what it makes may jump: it has first orders of either kind.
+  bool can_slide() const { return has_first_order() || oriented_; }
   /// Null where the options have no normals. They have a velocity and a penalty of their own: nothing below knows them.
   OrientedMomenta<Dim, T>* oriented() const { return oriented_.get(); }
   /// Values of one order-0 field, and of one of the Dim order-1 fields.

@@ -199,7 +199,7 @@ double MatchingObjective<Dim, T>::first_step(const std::vector<T>& direction) {
   double largest = 0;
   for (std::size_t s = 0; s < scales_.size(); ++s) {
     Field<T> velocity(scales_[s]->field_size());
-    scales_[s]->synthesise(momenta[s].zeroth, momenta[s].first, velocity.data());
+    if (scales_[s]->has_fields()) scales_[s]->synthesise(momenta[s].zeroth, momenta[s].first, velocity.data());
     if (OrientedMomenta<Dim, T>* oriented = scales_[s]->oriented()) {
       std::vector<T> corners;
       oriented->place(*momenta[s].elements, corners);

@@ -87,6 +87,22 @@ std::size_t memory_estimate(const ImageGrid<Dim>& fixed, const ImageGrid<Dim>& m
       const Lattice<Dim> lattice = level_lattice(image, q);
       const double sites = static_cast<double>(lattice.sites());
       const bool is_directional = options.model == Model::Directional;
+      // Oriented momenta: normals, and a field in padded rows, at all sites, weights (and those before them) for all
+      // elements. One element may join at a site that has room for one.
+      if (m.orientations > 0) {
+        // PaddedField has half a register more in a row, and an even number of rows in a plane.
+        const double padded = (1 + 0.5 * static_cast<double>(kRegisterLanes<float>) / lattice.size[0]) *
+                              (lattice.size[1] + lattice.size[1] % 2) / lattice.size[1];
+        const auto elements =
+            static_cast<double>(sites_with_room(lattice, first_order_width(image, options, q), kElementSpacing<Dim>));
+        bytes += sites * ((2 + padded) * vector + 2 * m.orientations * scalar);
+        unknowns += (Dim - 1) * elements;
+        kept += sites * vector + static_cast<double>(sizeof(JumpElement<Dim>)) * elements;
+        if (is_zeroth_gaussian(options.model) && has_oriented_alone(m)) {  // of which there are no fields
+          if (lattice != flow_lattice) bytes += sites * vector + planes_between(lattice, flow_lattice);
+          continue;
+        }
+      }
       const int fields = is_directional ? 1 : Dim;
       const double active =
           m.sparsity > 0 ? most_active_sites(image, lattice, fields, m.most_active_share) : fields * sites;
@@ -108,16 +124,6 @@ std::size_t memory_estimate(const ImageGrid<Dim>& fixed, const ImageGrid<Dim>& m
         if (m.reweighted_rounds > 0 || m.debias) bytes += scalar * (2 * fields * sites + active);
       }
       if (is_directional) bytes += sites * 2 * Dim * vector;
-      // Oriented momenta: normals, and a field in padded rows, at all sites, weights (and those before them) for all
-      // elements. One element may join at a site that has room for one.
-      if (m.orientations > 0) {
-        // PaddedField has half a register more in a row, and an even number of rows in a plane.
-        const double padded = (1 + 0.5 * static_cast<double>(kRegisterLanes<float>) / lattice.size[0]) *
-                              (lattice.size[1] + lattice.size[1] % 2) / lattice.size[1];
-        bytes += sites * ((2 + padded) * vector + 2 * m.orientations * scalar);
-        unknowns += (Dim - 1) * static_cast<double>(sites_with_room(lattice, first_order_width(image, options, q),
-                                                                    kElementSpacing<Dim>));
-      }
     }
     // Planes between two passes of order 0, see convolve_planes: of each thread one, or a few small ones.
     if (Dim == 3) {

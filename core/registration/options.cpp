@@ -73,7 +73,7 @@ RegistrationOptions default_options(Model model, SimilarityType similarity, Pres
       if (model == Model::Auto && (is_correlation || similarity == SimilarityType::Ssd)) {
         o.momenta.orientations = -1;
         o.momenta.oblique_share = -1;
-        o.momenta.oriented_alone = is_correlation ? 1 : -1;
+        o.momenta.oriented_alone = -1;
       }
       break;
   }

@@ -74,14 +74,15 @@ struct RegistrationOptions {
     /// On each level order 1 takes part only if the velocity of order 0, settled alone, is simple shear to so much
     /// (simple_shear.h); 0: always; -1: what was measured (core/README.md, "Only where it slides").
     double first_order_shear = 0;
-    int orientations = 0;            ///< normals that oriented momenta are turned from; 0: there are none of these; -1:
-                                     ///< 8 in 2-D and 9 in 3-D, none where there can be none
-    double oblique_share = 0;        ///< of an interface must be oblique for oriented momenta to begin; -1: by
-                                     ///< similarity and dimension, as measured
-    int oriented_alone = 0;          ///< 1: no momenta along the axes join a scale that has turned ones and none of
-                                     ///< these; -1: so where the fixed image has full contrast, see full_contrast
-    double oriented_sparsity = 0;    ///< lambda of oriented momenta, as a share of `sparsity`; 0: by similarity and
-                                     ///< dimension, as measured
+    int orientations = 0;          ///< normals that oriented momenta are turned from; 0: there are none of these; -1:
+                                   ///< 8 in 2-D and 9 in 3-D, none where there can be none
+    double oblique_share = 0;      ///< of an interface must be oblique for oriented momenta to begin; -1: by
+                                   ///< similarity and dimension, as measured
+    int oriented_alone = 0;        ///< 1: no momenta along the axes join a scale that has turned ones and none of
+                                   ///< these; 2: beside a Gaussian order 0 there are oriented ones alone; -1: by
+                                   ///< similarity, dimension and contrast, as measured
+    double oriented_sparsity = 0;  ///< lambda of oriented momenta, as a share of `sparsity`; 0: by similarity and
+                                   ///< dimension, as measured
     /// Width of the kernel of oriented momenta along their normal, as a share of the first orders'; 0: by similarity,
     /// dimension and contrast, as measured (core/README.md, "Slip at any orientation").
     double oriented_width = 0;

@@ -336,10 +336,11 @@ const std::vector<Parameter>& parameters() {
           "(and nothing else below 0): by similarity and dimension",
           [](O & o) -> auto& { return o.momenta.oblique_share; }),
       integer(
-          "oriented_alone", "", -1, 1,
+          "oriented_alone", "", -1, 2,
           "1: where a scale's oriented momenta have been turned to an interface and it has none along the axes, none "
-          "of these appear, and the oriented ones take interfaces along the axes as well; 0: both may; -1: 1, but 0 "
-          "where full_contrast says that the fixed image has little",
+          "of these appear, and the oriented ones take interfaces along the axes as well; 2: beside a Gaussian order "
+          "0 there are oriented ones alone; 0: both may; -1: by similarity and dimension, with ssd "
+          "by full_contrast",
           [](O & o) -> auto& { return o.momenta.oriented_alone; }),
       boolean(
           "first_order_waits",

@@ -83,7 +83,7 @@ PyramidRun<Dim>::PyramidRun(const RegistrationInput<Dim>& input, const Registrat
 template <int Dim>
 bool PyramidRun<Dim>::has_first_at(int level) const {
   return std::any_of(scales_.begin(), scales_.end(),
-                     [&](const auto& placed) { return placed.level >= level && placed.scale->has_first_order(); });
+                     [&](const auto& placed) { return placed.level >= level && placed.scale->can_slide(); });
 }
 
 /// Whether first-order momenta are left of the levels before.

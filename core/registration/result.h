@@ -96,8 +96,8 @@ struct MomentumField {
   std::string kernel;                   ///< "gaussian" or "wendland"
   double width_mm = 0;
   double normal_width_mm = 0;  ///< of oriented momenta, along their normal
-  int axis = -1;              ///< kZeroth; i: the first-order momentum m_i along grid axis i; kOriented
-  VectorVolume<Dim> vectors;  ///< components along the grid's axes
+  int axis = -1;               ///< kZeroth; i: the first-order momentum m_i along grid axis i; kOriented
+  VectorVolume<Dim> vectors;   ///< components along the grid's axes
 };
 
 /// Everything register_images found. Displacements are world millimetres (LPS).

@@ -129,6 +129,7 @@ RegistrationOptions resolved(const RegistrationOptions& options, const Lattice<D
   }
   const bool is_narrow = are_elements_narrow(Dim, o.similarity);
   if (o.momenta.oblique_share < 0) o.momenta.oblique_share = is_narrow ? 0 : 0.7;
+  if (o.momenta.oriented_alone < 0 && is_narrow) o.momenta.oriented_alone = 2;
   if (o.momenta.oriented_sparsity == 0) o.momenta.oriented_sparsity = is_narrow ? 0.5 : 0.4;
   if (o.momenta.oriented_width == 0 && is_narrow) o.momenta.oriented_width = kNarrowElement;
   // No more was wanted at full resolution in the 3-D images that this was measured on (core/README.md, "Memory").
@@ -195,6 +196,10 @@ bool shares_kernel(const RegistrationOptions& options, int q) {
 
 }  // namespace
 
+bool has_oriented_alone(const RegistrationOptions::Momenta& momenta) {
+  return momenta.orientations > 0 && momenta.oriented_alone == 2;
+}
+
 template <int Dim>
 double first_order_width(const Lattice<Dim>& image, const RegistrationOptions& options, int q) {
   const double reference = *std::min_element(image.spacing.begin(), image.spacing.end());
@@ -228,6 +233,7 @@ std::vector<PlacedScale<Dim, T>> make_scales(const Lattice<Dim>& image, const Re
       if (has_first(orders) && options.model == Model::Directional)
         made.direction = nearest_directions<Dim>(image, directions, made.lattice);
       if (has_first(orders)) made.normals = spread_normals<Dim>(momenta.orientations);
+      if (gaussian && orders == Orders::First && has_oriented_alone(momenta)) made.orders = Orders::Oriented;
       made.oriented_spacing = kElementSpacing<Dim>;
       made.oriented_normal_share = momenta.oriented_width;
       made.zeroth_weight = 1 / momenta.regularisation;

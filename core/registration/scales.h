@@ -40,6 +40,10 @@ template <int Dim>
 RegistrationOptions resolved(const RegistrationOptions& options, const Lattice<Dim>& image,
                              const ImageTraits& traits = {});
 
+/// Whether, by resolved options, the scales of order 1 beside a Gaussian order 0 have oriented momenta and none along
+/// the axes.
+bool has_oriented_alone(const RegistrationOptions::Momenta& momenta);
+
 /// Width of the kernel of the first-order momenta of scale q, mm, by resolved options.
 template <int Dim>
 double first_order_width(const Lattice<Dim>& image, const RegistrationOptions& options, int q);

@@ -51,7 +51,7 @@ std::vector<std::vector<float>> WorkingSet<Dim, T>::sizes_of(std::size_t scale, 
                     ? Lists(static_cast<std::size_t>(first.fields), std::vector<float>(lattice.sites()))
                     : momentum_sizes<Dim, T>(lattice, all_sites(scale, x), first.fields);
   if (!has_elements(scale)) return sizes;
-  sizes.resize(first.fields + oriented.momenta->options().normals.size(), std::vector<float>(sizes[0].size(), 0.0f));
+  sizes.resize(first.fields + oriented.momenta->options().normals.size(), std::vector<float>(lattice.sites(), 0.0f));
   const T* values = x.data() + sparsity_[oriented.range].begin;
   for (std::size_t e = 0; e < oriented.active.size(); ++e) {
     double square = 0;
@@ -98,7 +98,7 @@ template <int Dim, class T>
 void WorkingSet<Dim, T>::weigh(const SparsityRound& round, const std::vector<T>& x) {
   lets_blocks_join_ = round.lets_blocks_join;
   for (std::size_t s = 0; s < scales_.size(); ++s) {
-    if (first_[s].fields == 0) continue;
+    if (!scales_[s]->can_slide()) continue;
     const std::size_t fields = static_cast<std::size_t>(first_[s].fields), sites = scales_[s]->lattice().sites();
     const Oriented& oriented = oriented_[s];
     const std::size_t lists = fields + (has_elements(s) ? oriented.momenta->options().normals.size() : 0);

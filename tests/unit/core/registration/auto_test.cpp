@@ -229,6 +229,28 @@ TEST(AutoModel, HasNoMomentaAlongTheAxesBesideOrientedOnes) {
   EXPECT_GT(result.summary.levels.back().active_block_share, 0);
 }
 
+// In 3-D also where the interface lies along an axis. Oracle: momenta along the axes in their place.
+TEST(AutoModel, HasOrientedMomentaAloneIn3d) {
+  PhantomOptions scene = default_phantom_options(PhantomKind::Slip, 3);
+  scene.size = {64, 64, 64};
+  scene.angle_deg = 0;
+  const Phantom<3> phantom = make_phantom<3>(scene);
+  for (SimilarityType similarity : {SimilarityType::Ncc, SimilarityType::Lncc}) {
+    RegistrationOptions options = default_options(Model::Auto, similarity, Preset::Balanced);
+    const RegistrationResult<3> result = register_images<3>(pair_of(phantom), options);
+    EXPECT_GT(result.summary.levels.back().oriented_elements, 10) << to_string(similarity);
+    const Outcome alone = outcome_of(phantom, options);
+    EXPECT_FALSE(alone.has_first_order_momenta);
+    options.momenta.oblique_share = 0.7;
+    options.momenta.oriented_alone = 1;
+    const Outcome along_axes = outcome_of(phantom, options);
+    EXPECT_TRUE(along_axes.has_first_order_momenta);
+    EXPECT_LT(alone.error_mm, 1.05 * along_axes.error_mm) << to_string(similarity);
+    EXPECT_LT(alone.error_mm,
+              0.8 * outcome_of(phantom, default_options(Model::Wendland, similarity, Preset::Balanced)).error_mm);
+  }
+}
+
 TEST(AutoModel, HasOrientedMomentaOnlyWhereTheyAreCarried) {
   RegistrationOptions options = default_options(Model::Auto, SimilarityType::Ssd, Preset::Balanced);
   const Lattice<2> plane{{128, 128}, {1, 1}, {}};

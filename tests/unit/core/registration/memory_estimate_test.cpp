@@ -140,6 +140,21 @@ TEST(MemoryEstimate, IsABoundWithManyOrientedMomenta) {
   EXPECT_LE(used, one.declared_mib());
 }
 
+// The same where there are elements alone, which need no fields.
+TEST(MemoryEstimate, IsABoundWhereElementsAreAlone) {
+  Case one(Model::Auto, SimilarityType::Lncc);
+  one.options.momenta.first_order_shear = 1e-9;
+  one.options.momenta.sparsity = 1e-3;
+  one.options.optimisation.max_iterations = one.options.optimisation.history + 2;
+  Case beside = one;
+  beside.options.momenta.oriented_alone = 1;
+  LevelSummary finest;
+  const double used = one.used_mib(&finest);
+  EXPECT_GT(finest.oriented_elements, static_cast<int>(one.input.fixed.samples.size() / 5) / 9);
+  EXPECT_LE(used, one.declared_mib());
+  EXPECT_LT(one.declared_mib(), 0.7 * beside.declared_mib());
+}
+
 // Of what wants to be active a third may, the strongest; the estimate falls with what is then in use.
 TEST(MemoryEstimate, IsABoundWhereFewMayBeActive) {
   Case all(Model::Sliding);
