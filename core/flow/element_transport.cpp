@@ -28,7 +28,9 @@ struct ElementTransport<Dim, T>::Moved {
 
 template <int Dim, class T>
 ElementTransport<Dim, T>::ElementTransport(const Oriented& momenta, Evolution evolution)
-    : momenta_(momenta), turns_(evolution == Evolution::Exact), sigma_(static_cast<T>(momenta.options().normal_width_mm())) {
+    : momenta_(momenta),
+      turns_(evolution == Evolution::Exact),
+      sigma_(static_cast<T>(momenta.options().normal_width_mm())) {
   if (evolution == Evolution::Carried)
     throw InvalidInput("elements with evolution carried are carried by their corners and not transported as momenta");
 }

@@ -12,10 +12,10 @@ namespace saltus {
 ///
 ///     w -> m_0 . w - sigma m_1 . (N . grad) w    with  N = F n,  m_1 = G m,  m_0 = sigma G (d_n F)^T G m
 ///
-/// with evolution `exact`, and with N = n, m_0 = 0 with `per_order`; sigma is the width along n. Of F each side of the element is asked by itself,
-/// by points half a cell away from it and two cells (along n: one) around there, and F is the mean of both: the
-/// element's own jump is not differentiated. d_n F is what both sides say of F, over their distance. So both are right
-/// to second order in the cell where the flow is smooth.
+/// with evolution `exact`, and with N = n, m_0 = 0 with `per_order`; sigma is the width along n. Of F each side of the
+/// element is asked by itself, by points half a cell away from it and two cells (along n: one) around there, and F is
+/// the mean of both: the element's own jump is not differentiated. d_n F is what both sides say of F, over their
+/// distance. So both are right to second order in the cell where the flow is smooth.
 ///
 /// Kernels do not turn: with the norm of one kernel K_n, elements move along its geodesics and H = 1/2 (rho | K_n rho)
 /// is conserved, as far as the lattice resolves the momentum; a sheet as thin as a cell it does not, whose H is

@@ -29,16 +29,18 @@ void add_fields(const Lattice<Dim>& lattice, const BlockMask<Dim>& where, const 
 
 template <int Dim, class T>
 GeodesicShooting<Dim, T>::SharedLattice::SharedLattice(const Lattice<Dim>& lattice,
-                                                       const Lattice<Dim>& velocity_lattice, Evolution evolution)
+                                                       const Lattice<Dim>& velocity_lattice)
     : lattice(lattice),
       prolongation(lattice, velocity_lattice, Dim),
-      sites(lattice, evolution),
+      sites(lattice, Evolution::Carried),
       moved(BlockMask<Dim>::all(lattice)),
       acting(moved) {}
 
 /// Where its sites are, once a scale has momenta at them.
 template <int Dim, class T>
-void GeodesicShooting<Dim, T>::SharedLattice::make_fields() {
+void GeodesicShooting<Dim, T>::SharedLattice::make_fields(Evolution evolution) {
+  if (!predicted_dual.empty()) return;
+  sites = MovedSites<Dim, T>(lattice, evolution);
   const std::size_t field = Dim * lattice.sites(), steps = position.size();
   for (std::size_t k = 1; k <= steps; ++k) {
     if (k < steps) position[k].resize(field);
@@ -62,13 +64,13 @@ GeodesicShooting<Dim, T>::GeodesicShooting(std::vector<MomentumScale<Dim, T>*> s
     SharedLattice* same = found == lattices_.end() ? nullptr : found->get();
     const bool same_lattice_before = same != nullptr;
     if (!same) {
-      auto shared = std::make_unique<SharedLattice>(scale->lattice(), velocity_lattice, evolution);
+      auto shared = std::make_unique<SharedLattice>(scale->lattice(), velocity_lattice);
       shared->position.resize(time_steps);
       shared->predicted.resize(time_steps + 1);
       same = shared.get();
       lattices_.push_back(std::move(shared));
     }
-    if (scale->has_fields()) same->make_fields();
+    if (scale->has_fields()) same->make_fields(evolution);
     ScaleState state;
     state.scale = scale;
     state.shared = same;
@@ -276,8 +278,10 @@ std::vector<double> GeodesicShooting<Dim, T>::hamiltonians(const std::vector<Mom
     for (std::size_t s = 0; s < states_.size(); ++s) {
       ScaleState& state = states_[s];
       if (!state.scale->has_fields()) continue;
-      state.transport->push(state.shared->sites, momenta[s].zeroth, momenta[s].first, {}, state.scale->everywhere(),
-                            mutable_pointer(state.zeroth), state.first.data());
+      // With `exact` first orders reach an order 0 that their scale may not begin with.
+      state.transport->push(state.shared->sites, momenta[s].zeroth, momenta[s].first, {},
+                            state.transport->reached(state.shared->sites, {}), mutable_pointer(state.zeroth),
+                            state.first.data());
       energies[k] += state.scale->total_energy(pointer(state.zeroth), pointer(state.first));
     }
   }

@@ -58,12 +58,12 @@ class GeodesicShooting {
   int nodes() const { return time_steps_ * map_steps_ + 1; }  ///< at which there are velocities
   const Lattice<Dim>& velocity_lattice() const { return lattice_; }
 
-  /// What a scale without first orders makes of its momenta at time 0, everywhere on its lattice, without its oriented
+  /// What a scale of order 0 alone makes of its momenta at time 0, everywhere on its lattice, without its oriented
   /// momenta: MomentumScale::synthesise of them.
   using StartingVelocity = std::function<void(std::size_t scale, const T* velocity)>;
 
   /// Fills the velocities of all nodes. `blocks` must live until the adjoint is done. `on_start` is told of each scale
-  /// without first orders what is synthesised of it anyhow.
+  /// of order 0 alone what is synthesised of it anyhow.
   void shoot(const std::vector<MomentumPointers<T>>& momenta, const ActiveBlocks<Dim>& blocks = {},
              const StartingVelocity& on_start = {});
 
@@ -89,8 +89,8 @@ class GeodesicShooting {
  private:
   /// What scales on one lattice have in common.
   struct SharedLattice {
-    explicit SharedLattice(const Lattice<Dim>& lattice, const Lattice<Dim>& velocity_lattice, Evolution evolution);
-    void make_fields();
+    SharedLattice(const Lattice<Dim>& lattice, const Lattice<Dim>& velocity_lattice);
+    void make_fields(Evolution evolution);
     Lattice<Dim> lattice;
     bool moves_everywhere = false;  ///< a scale has an order 0
     LatticeInterpolation<Dim, T> prolongation;

@@ -21,6 +21,8 @@ template <int Dim, class T>
 MomentumScale<Dim, T>::MomentumScale(const MomentumScaleOptions<Dim>& options) : options_(options) {
   const std::vector<KernelComponent>& kernels = options.kernel.components();
   if (kernels.empty()) throw InvalidInput("a momentum scale has no kernel; give it one");
+  if (options.orders == Orders::Oriented && options.normals.empty())
+    throw InvalidInput("a momentum scale of oriented momenta alone has no normals; give it some");
   const bool zeroth = has_zeroth(options.orders);
   channel_weight_ = zeroth ? options.zeroth_weight : options.first_weight;
   const double ratio = options.first_weight / channel_weight_, width = options.kernel.width();

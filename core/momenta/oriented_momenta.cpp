@@ -86,6 +86,9 @@ OrientedMomenta<Dim, T>::OrientedMomenta(const OrientedOptions<Dim>& options)
   if (options.spacing < 1)
     throw InvalidInput("the spacing of oriented momenta is " + std::to_string(options.spacing) +
                        "; it must be 1 or more");
+  if (!(options.normal_share > 0))
+    throw InvalidInput("the width of oriented momenta along their normal is " + std::to_string(options.normal_share) +
+                       " times that in their plane; it must be above 0");
   const Lattice<Dim>& lattice = options_.lattice;
   apart_ = sites_apart(lattice, options.width_mm, options.spacing);
   Lattice<Dim> sparse = lattice;  // of what has room along all axes

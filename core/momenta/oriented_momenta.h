@@ -65,8 +65,8 @@ class OrientedMomenta {
   static constexpr int kCornerValues = Dim * Dim;  ///< coordinates of its corners, corner by corner, in mm of the frame
   using Element = std::uint32_t;
 
-  /// Throws InvalidInput when a normal is no unit vector, the spacing is below 1, or there are more elements than
-  /// numbers for them.
+  /// Throws InvalidInput when a normal is no unit vector, the spacing is below 1, the share not above 0, or there are
+  /// more elements than numbers for them.
   explicit OrientedMomenta(const OrientedOptions<Dim>& options);
 
   const OrientedOptions<Dim>& options() const { return options_; }

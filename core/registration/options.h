@@ -62,7 +62,8 @@ struct RegistrationOptions {
     double sparsity_noise = 0;  ///< lambda is `sparsity` times 1 + (noise of the finest level's images) / this; 0: it
                                 ///< does not follow the noise
     double full_contrast = 0;   ///< of rms_gradient, intensity range a voxel of the finest level: with ssd, where an
-                                ///< image has less, lambda and regularisation_beside_first are less; 0: they are not
+                                ///< image has less, lambda, regularisation_beside_first, round_tolerance and what is
+                                ///< measured of oriented_width are less; 0: they are not
     int sparsity_path = 1;  ///< weights lambda 2^(n-1), ..., lambda that a level is solved with, one after the other;
                             ///< none where a coarser one found first orders and reweighted_rounds follow
     /// lambda of the rounds with even weights that reweighted ones follow, as a multiple: they are there to show where
@@ -114,7 +115,7 @@ struct RegistrationOptions {
     int max_iterations = 60;  ///< per level
     double tolerance = 1e-3;  ///< a level ends when five iterations give less than this share of its total decrease
     /// The same of a round with first orders that another one follows, where larger: it is there for the weights that
-    /// the next one is made with. Follows the contrast as lambda does (full_contrast).
+    /// the next one is made with. Follows full_contrast.
     double round_tolerance = 0;
     /// The same of a round of order 0 alone, where smaller than `tolerance`: one whose velocity is then asked whether
     /// something slides, or on a level without first orders; 0: `tolerance`.

@@ -285,8 +285,9 @@ const std::vector<Parameter>& parameters() {
           "full_contrast", "intensity range", 0, Lower::Inclusive, inf,
           "with ssd: where the fixed image's root mean square gradient over a voxel of the finest level is a share of "
           "this, "
-          "sparsity counts its square and order 0 beside first orders that share, the less the more noise there is; a "
-          "quarter at least; 0: they do not follow it",
+          "sparsity counts its square, order 0 beside first orders and round_tolerance that share, and so does "
+          "oriented_width where none is given, the less the more noise there is; a quarter at least; 0: they do not "
+          "follow it",
           [](O & o) -> auto& { return o.momenta.full_contrast; }),
       integer(
           "sparsity_path", "", 1, 12,

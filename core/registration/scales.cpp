@@ -48,8 +48,8 @@ double lncc_sparsity(int dimension, Preset preset) {
 }
 
 /// Elements of a kernel that is narrow along the normal leave nothing beside an interface that order 0 would have to
-/// take back, and cost less; 3-D images are seen at half of their resolution, and there such elements do along the axes
-/// as well. Measured, core/README.md, "Slip at any orientation".
+/// take back, and cost less, and such elements do along the axes as well. Measured with `balanced` where 3-D images end
+/// at half of their resolution, core/README.md, "Slip at any orientation".
 bool are_elements_narrow(int dimension, SimilarityType similarity) {
   return dimension == 3 && (similarity == SimilarityType::Ncc || similarity == SimilarityType::Lncc);
 }
@@ -129,7 +129,8 @@ RegistrationOptions resolved(const RegistrationOptions& options, const Lattice<D
   }
   const bool is_narrow = are_elements_narrow(Dim, o.similarity);
   if (o.momenta.oblique_share < 0) o.momenta.oblique_share = is_narrow ? 0 : 0.7;
-  if (o.momenta.oriented_alone < 0 && is_narrow) o.momenta.oriented_alone = 2;
+  // Elements are where order 0 shows an interface before.
+  if (o.momenta.oriented_alone < 0 && is_narrow) o.momenta.oriented_alone = o.momenta.first_order_waits ? 2 : 1;
   if (o.momenta.oriented_sparsity == 0) o.momenta.oriented_sparsity = is_narrow ? 0.5 : 0.4;
   if (o.momenta.oriented_width == 0 && is_narrow) o.momenta.oriented_width = kNarrowElement;
   // No more was wanted at full resolution in the 3-D images that this was measured on (core/README.md, "Memory").
@@ -215,6 +216,10 @@ std::vector<PlacedScale<Dim, T>> make_scales(const Lattice<Dim>& image, const Re
   if (!(momenta.regularisation > 0))
     throw InvalidInput(
         "regularisation is 0, which is to be chosen for an image; take the options that are resolved for it");
+  if (momenta.orientations > 0 && !(momenta.oriented_width > 0 && momenta.oriented_sparsity > 0))
+    throw InvalidInput(
+        "oriented_width or oriented_sparsity is 0, which is to be chosen for an image; take the options that are "
+        "resolved for it");
   const double reference = *std::min_element(image.spacing.begin(), image.spacing.end());
   const bool gaussian = is_zeroth_gaussian(options.model);
   const auto is_at = [](int q, int finest, int count) { return q >= finest && q < finest + count; };

@@ -65,13 +65,14 @@ std::string measured_from(const std::string& name, const ReportInput<Dim>& input
   }
   if (name == "most_active_share") return "from the model and the dimension; it bounds the memory that a job declares";
   if (name == "kernel_widths") return "from the model, the similarity and the noise on the finest level";
-  if (name == "regularisation" || name == "first_order_shear")
+  if (name == "regularisation" || name == "first_order_shear" || name == "oblique_share" || name == "oriented_sparsity")
     return "from the similarity and the dimension, for which it was measured";
   if (name == "regularisation_beside_first")
     return input.options->similarity == SimilarityType::Lncc
                ? "from the model and the similarity: what is sharp is left to first orders"
                : "from the fixed image's contrast, which is low (full_contrast), and the noise";
-  if (name == "oriented_alone") return "from the similarity and the fixed image's contrast (full_contrast)";
+  if (name == "oriented_alone" || name == "oriented_width")
+    return "from the similarity and the dimension, with ssd from the fixed image's contrast (full_contrast)";
   if (name == "sparsity") return where_sparsity_is_from(*input.options);
   return "from the levels";
 }
@@ -91,6 +92,8 @@ std::vector<Choice> choices(const ReportInput<Dim>& input) {
                               asked.name != "sparsity_noise" &&  // used up: what follows them says so
                               asked.name != "full_contrast";
     if (asked.name == "width_voxels" && !is_set && !has_one_width) continue;
+    const bool is_of_oriented = asked.name == "oblique_share" || asked.name.starts_with("oriented_");
+    if (is_of_oriented && !is_set && input.result->options.momenta.orientations == 0) continue;
     if (is_set)
       found.push_back(
           {asked.name, asked.value, asked.unit, "set by the job; the default is " + by_default->second, true});
@@ -155,7 +158,8 @@ std::vector<Choice> choices(const ReportInput<Dim>& input) {
   }
   for (const LevelSummary& level : summary.levels) {
     const RegistrationOptions::Momenta& asked = input.result->options.momenta;
-    if (level.oblique_share == 0 || input.options->momenta.oblique_share == 0) continue;
+    const bool has_any = level.oblique_share > 0 || level.oriented_elements > 0;
+    if (!has_any || input.options->momenta.oblique_share == 0) continue;
     found.push_back({"level " + std::to_string(level.level) + ": oriented momenta",
                      level.oriented_elements > 0 ? std::to_string(level.oriented_elements) : "left out", "",
                      percentage(level.oblique_share) + " of what may slide is oblique to the axes" +

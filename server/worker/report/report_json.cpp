@@ -101,7 +101,7 @@ Json describe(const LevelSummary& level) {
                                    {"simple_shear", level.simple_shear}};
   if (level.kept_out_share > 0) json["kept_out_block_share"] = level.kept_out_share;
   if (level.map_error_mm > 0) json["map_error_mm"] = level.map_error_mm;
-  if (level.oblique_share > 0)
+  if (level.oblique_share > 0 || level.oriented_elements > 0)
     json["oriented_momenta"] = {{"elements", level.oriented_elements}, {"oblique_share", level.oblique_share}};
   return json;
 }

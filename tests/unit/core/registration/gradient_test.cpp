@@ -22,6 +22,7 @@ struct Case {
   int coarsening = 0;           // of order 0
   bool is_flow_coarse = false;  // and of the flow
   int orientations = 0;
+  bool elements_alone = false;  // without fields beside them, and narrow
 };
 
 template <int Dim>
@@ -51,6 +52,9 @@ void expect_taylor_slope_two(const Case& test) {
   if (options.momenta.first_order_scales > 0) options.momenta.first_order_scales = test.model == Model::Sliding ? 1 : 2;
   options.momenta.regularisation = options.momenta.first_order_regularisation = 0.05;
   if (test.orientations > 0) options.momenta.orientations = Dim == 2 ? 8 : 13;
+  options.momenta.oriented_width = test.elements_alone ? 0.5 : 1;
+  options.momenta.oriented_sparsity = 0.4;
+  if (test.elements_alone) options.momenta.oriented_alone = 2;
   options.flow.coarsening = test.coarsening;
   Field<double> directions;  // any unit vectors, and none here and there
   if (test.model == Model::Directional) {
@@ -165,6 +169,8 @@ std::vector<Case> all_cases() {
   for (Model model : {Model::Sliding, Model::Wendland1})  // alone on its lattice, and with order 0
     for (Evolution evolution : {Evolution::Exact, Evolution::PerOrder, Evolution::Carried})
       cases.push_back({model, SimilarityType::Ssd, false, evolution, {}, 1, 0, false, 1});
+  for (Evolution evolution : {Evolution::Exact, Evolution::Carried})
+    cases.push_back({Model::Sliding, SimilarityType::Ncc, true, evolution, {}, 1, 0, false, 1, true});
   return cases;
 }
 
@@ -174,7 +180,7 @@ INSTANTIATE_TEST_SUITE_P(Models, Gradient, ::testing::ValuesIn(all_cases()), [](
          (info.param.evolution == Evolution::Exact      ? ""
           : info.param.evolution == Evolution::PerOrder ? "_per_order"
                                                         : "_carried") +
-         (info.param.orientations == 0 ? "" : "_oriented") +
+         (info.param.orientations == 0 ? "" : "_oriented") + (info.param.elements_alone ? "_alone" : "") +
          (info.param.coarsening == 0 ? "" : "_coarsened_" + std::to_string(info.param.coarsening));
 });
 
