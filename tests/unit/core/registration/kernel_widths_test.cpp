@@ -194,7 +194,8 @@ TEST(KernelWidths, OfFirstOrdersAloneAreRefusedWhereNoScaleHasThem) {
     const Field<double> along(3 * kCube.sites(), std::sqrt(1.0 / 3));
     const auto scales = make_scales<3, float>(kCube, resolved(options, kCube), along);
     const bool is_used = std::any_of(scales.begin(), scales.end(), [](const auto& placed) {
-      return placed.scale->options().orders == Orders::First;
+      const Orders orders = placed.scale->options().orders;
+      return orders == Orders::First || orders == Orders::Oriented;
     });
     const std::string said = refusal(one.model, one.settings, true), before = refusal(one.model, one.settings, false);
     EXPECT_EQ(before, one.is_known ? said : "");

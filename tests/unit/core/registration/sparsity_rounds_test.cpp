@@ -70,6 +70,8 @@ struct Scales {
     options.momenta.width_voxels = 4;
     options.momenta.scales = options.momenta.first_order_scales = count;
     options.momenta.orientations = orientations;
+    options.momenta.oriented_width = 1;
+    options.momenta.oriented_sparsity = 0.4;
     options.momenta.finest_scale = options.momenta.first_order_finest_scale = 0;
     options.momenta.regularisation = options.momenta.first_order_regularisation = 1e-3;
     placed = make_scales<2, double>(lattice, options, {});
