@@ -36,7 +36,7 @@ GeodesicShooting<Dim, T>::SharedLattice::SharedLattice(const Lattice<Dim>& latti
       moved(BlockMask<Dim>::all(lattice)),
       acting(moved) {}
 
-/// Where its sites are, once a scale has momenta at them.
+/// Where its sites are, and their Jacobians, once a scale has momenta at them.
 template <int Dim, class T>
 void GeodesicShooting<Dim, T>::SharedLattice::make_fields(Evolution evolution) {
   if (!predicted_dual.empty()) return;

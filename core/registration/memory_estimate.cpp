@@ -1,3 +1,4 @@
+#include "core/flow/element_transport.h"
 #include "core/momenta/oriented_momenta.h"
 #include "core/registration/register_images.h"
 #include "core/registration/scales.h"
@@ -97,6 +98,13 @@ std::size_t memory_estimate(const ImageGrid<Dim>& fixed, const ImageGrid<Dim>& m
             static_cast<double>(sites_with_room(lattice, first_order_width(image, options, q), kElementSpacing<Dim>));
         bytes += sites * ((2 + padded) * vector + 2 * m.orientations * scalar);
         unknowns += (Dim - 1) * elements;
+        // Their points, see OrientedFlow: position and prediction in each step, and three duals. At a look all that may
+        // join take part, with values and gradients of their own. What is transported has axes and duals beside.
+        using Transport = ElementTransport<Dim, float>;
+        const bool is_carried = options.flow.evolution == Evolution::Carried;
+        const int points = is_carried ? OrientedMomenta<Dim, float>::kCornerValues : Transport::kPointValues;
+        bytes += elements * ((2 * steps + 3) * points + 2 * (Dim - 1) + 2) * scalar;
+        if (!is_carried) bytes += elements * (2 * sizeof(TransportedElement<Dim, float>) + (Dim + 1) * vector);
         kept += sites * vector + static_cast<double>(sizeof(JumpElement<Dim>)) * elements;
         if (is_zeroth_gaussian(options.model) && has_oriented_alone(m)) {  // of which there are no fields
           if (lattice != flow_lattice) bytes += sites * vector + planes_between(lattice, flow_lattice);

@@ -284,8 +284,7 @@ const std::vector<Parameter>& parameters() {
       real(
           "full_contrast", "intensity range", 0, Lower::Inclusive, inf,
           "with ssd: where the fixed image's root mean square gradient over a voxel of the finest level is a share of "
-          "this, "
-          "sparsity counts its square, order 0 beside first orders and round_tolerance that share, and so does "
+          "this, sparsity and round_tolerance count its square, order 0 beside first orders that share, and so does "
           "oriented_width where none is given, the less the more noise there is; a quarter at least; 0: they do not "
           "follow it",
           [](O & o) -> auto& { return o.momenta.full_contrast; }),
@@ -507,6 +506,11 @@ std::vector<std::string> problems(const RegistrationOptions& options) {
   if (oblique > -1 && oblique < 0)
     found.push_back("parameter oblique_share is " + format(oblique) +
                     "; below 0 it must be -1, which stands for what was measured");
+  if (options.momenta.oriented_alone == 2 && options.momenta.orientations != 0 && !options.momenta.first_order_waits &&
+      options.momenta.reweighted_rounds == 0)
+    found.push_back(
+        "parameter oriented_alone is 2, first_order_waits is false and reweighted_rounds is 0; oriented momenta are "
+        "where a round before shows an interface, so let first orders wait, or give one reweighted round or more");
   if (options.momenta.orientations > 0) {
     const std::string given = "parameter orientations is " + std::to_string(options.momenta.orientations);
     if (options.momenta.first_order_scales == 0 || options.model == Model::Directional)

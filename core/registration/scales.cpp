@@ -159,7 +159,7 @@ RegistrationOptions resolved(const RegistrationOptions& options, const Lattice<D
       const double counted = std::max(contrast, kLeastCounted);
       o.momenta.sparsity = in_few_digits(o.momenta.sparsity * share(counted * counted));
       // So much less of the energy is the motion's.
-      o.optimisation.round_tolerance = in_few_digits(o.optimisation.round_tolerance * share(counted));
+      o.optimisation.round_tolerance = in_few_digits(o.optimisation.round_tolerance * share(counted * counted));
       if (o.momenta.regularisation_beside_first == 0)
         o.momenta.regularisation_beside_first = in_few_digits(o.momenta.regularisation * share(counted));
       // Order 0 that is held so little fills what is beside an interface by itself.

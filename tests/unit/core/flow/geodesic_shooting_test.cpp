@@ -442,50 +442,56 @@ TEST(GeodesicShooting, MovesOnlySitesAroundActiveBlocks) {
 // Oracle: the same scale with fields of first orders beside its elements, all of which are 0.
 TEST(GeodesicShooting, NeedsNoFieldsWhereThereAreElementsAlone) {
   const Lattice<2> fine = square(36), coarse = square(18, 2);
-  MomentumScale<2, double> wide({make_gaussian_profile(8), coarse, Orders::Zeroth, 1.0, 1.0});
-  const std::vector<double> m = passing_blobs(coarse, 20), zero(4 * fine.sites(), 0.0);
-  for (Evolution evolution : {Evolution::Carried, Evolution::Exact}) {
-    for (int steps : {1, 3}) {
-      struct Found {
-        std::vector<Field<double>> velocities;
-        std::vector<double> zeroth, oriented, energies;
-      };
-      const auto run = [&](Orders orders) {
-        MomentumScaleOptions<2> options{make_wendland_profile(5), fine, orders, 1.0, 1.5};
-        options.normals = spread_normals<2>(8);
-        MomentumScale<2, double> scale(options);
-        std::vector<std::uint32_t> elements;
-        for (std::uint32_t e = 100; e < scale.oriented()->elements(); e += 431) elements.push_back(e);
-        const std::vector<double> values = random_values(elements.size(), 5);
-        const bool has_fields = orders == Orders::First;
-        const std::vector<MomentumPointers<double>> momenta = {
-            {m.data(), nullptr}, {nullptr, has_fields ? zero.data() : nullptr, &elements, values.data()}};
-        GeodesicShooting<2, double> shooting({&wide, &scale}, fine, steps, evolution);
-        shooting.shoot(momenta);
-        Found found{
-            shooting.velocities(), std::vector<double>(m.size(), 0.0), std::vector<double>(values.size(), 0.0), {}};
-        std::vector<Field<double>> duals;
-        for (int k = 0; k <= steps; ++k) duals.push_back(random_field(2 * fine.sites(), 10 + k));
-        std::vector<double> of_fields(zero.size(), 0.0), preconditioned(m.size(), 0.0);
-        shooting.adjoint(
-            momenta, duals,
-            {{found.zeroth.data(), nullptr}, {nullptr, has_fields ? of_fields.data() : nullptr, found.oriented.data()}},
-            {{preconditioned.data(), nullptr}, {}});
-        if (evolution == Evolution::Exact) found.energies = shooting.hamiltonians(momenta);
-        return found;
-      };
-      const Found beside = run(Orders::First), alone = run(Orders::Oriented);
-      EXPECT_EQ(alone.energies, beside.energies);
-      const auto expect_alike = [](const auto& one, const auto& other) {
-        double most = 0;
-        for (double value : other) most = std::max(most, std::abs(value));
-        ASSERT_GT(most, 1e-3);
-        ASSERT_EQ(one.size(), other.size());
-        for (std::size_t i = 0; i < one.size(); ++i) ASSERT_NEAR(one[i], other[i], 1e-12 * most) << i;
-      };
-      for (std::size_t k = 0; k < alone.velocities.size(); ++k) expect_alike(alone.velocities[k], beside.velocities[k]);
-      expect_alike(alone.zeroth, beside.zeroth);
-      expect_alike(alone.oriented, beside.oriented);
+  const std::vector<double> zero(4 * fine.sites(), 0.0);
+  // Elements on the lattice of the velocity, and on one that is coarser.
+  for (const Lattice<2>& lattice : {fine, coarse}) {
+    const Lattice<2>& others = lattice == fine ? coarse : fine;
+    MomentumScale<2, double> wide({make_gaussian_profile(8), others, Orders::Zeroth, 1.0, 1.0});
+    const std::vector<double> m = passing_blobs(others, 20);
+    for (Evolution evolution : {Evolution::Carried, Evolution::Exact}) {
+      for (int steps : {1, 3}) {
+        struct Found {
+          std::vector<Field<double>> velocities;
+          std::vector<double> zeroth, oriented, energies;
+        };
+        const auto run = [&](Orders orders) {
+          MomentumScaleOptions<2> options{make_wendland_profile(7), lattice, orders, 1.0, 1.5};
+          options.normals = spread_normals<2>(8);
+          MomentumScale<2, double> scale(options);
+          std::vector<std::uint32_t> elements;
+          for (std::uint32_t e = 100; e < scale.oriented()->elements(); e += 431) elements.push_back(e);
+          const std::vector<double> values = random_values(elements.size(), 5);
+          const bool has_fields = orders == Orders::First;
+          const std::vector<MomentumPointers<double>> momenta = {
+              {m.data(), nullptr}, {nullptr, has_fields ? zero.data() : nullptr, &elements, values.data()}};
+          GeodesicShooting<2, double> shooting({&wide, &scale}, fine, steps, evolution);
+          shooting.shoot(momenta);
+          Found found{
+              shooting.velocities(), std::vector<double>(m.size(), 0.0), std::vector<double>(values.size(), 0.0), {}};
+          std::vector<Field<double>> duals;
+          for (int k = 0; k <= steps; ++k) duals.push_back(random_field(2 * fine.sites(), 10 + k));
+          std::vector<double> of_fields(zero.size(), 0.0), preconditioned(m.size(), 0.0);
+          shooting.adjoint(momenta, duals,
+                           {{found.zeroth.data(), nullptr},
+                            {nullptr, has_fields ? of_fields.data() : nullptr, found.oriented.data()}},
+                           {{preconditioned.data(), nullptr}, {}});
+          if (evolution == Evolution::Exact) found.energies = shooting.hamiltonians(momenta);
+          return found;
+        };
+        const Found beside = run(Orders::First), alone = run(Orders::Oriented);
+        EXPECT_EQ(alone.energies, beside.energies);
+        const auto expect_alike = [](const auto& one, const auto& other) {
+          double most = 0;
+          for (double value : other) most = std::max(most, std::abs(value));
+          ASSERT_GT(most, 1e-3);
+          ASSERT_EQ(one.size(), other.size());
+          for (std::size_t i = 0; i < one.size(); ++i) ASSERT_NEAR(one[i], other[i], 1e-12 * most) << i;
+        };
+        for (std::size_t k = 0; k < alone.velocities.size(); ++k)
+          expect_alike(alone.velocities[k], beside.velocities[k]);
+        expect_alike(alone.zeroth, beside.zeroth);
+        expect_alike(alone.oriented, beside.oriented);
+      }
     }
   }
 }

@@ -258,6 +258,45 @@ TEST(AutoModel, HasOrientedMomentaAloneIn3d) {
   }
 }
 
+TEST(AutoModel, ChoosesItsElementsBySimilarityDimensionAndContrast) {
+  const Lattice<2> plane{{128, 128}, {1, 1}, {}};
+  const Lattice<3> cube{{128, 128, 128}, {1, 1, 1}, {}};
+  for (SimilarityType similarity : {SimilarityType::Ssd, SimilarityType::Ncc, SimilarityType::Lncc}) {
+    SCOPED_TRACE(to_string(similarity));
+    const RegistrationOptions options = default_options(Model::Auto, similarity, Preset::Balanced);
+    const auto flat = resolved(options, plane).momenta, deep = resolved(options, cube).momenta;
+    EXPECT_EQ(std::make_tuple(flat.oblique_share, flat.oriented_alone, flat.oriented_sparsity, flat.oriented_width),
+              std::make_tuple(0.7, 1, 0.4, 1.0));
+    const bool is_narrow = similarity != SimilarityType::Ssd;
+    EXPECT_EQ(std::make_tuple(deep.oblique_share, deep.oriented_alone, deep.oriented_sparsity, deep.oriented_width),
+              is_narrow ? std::make_tuple(0.0, 2, 0.5, 0.5) : std::make_tuple(0.7, 1, 0.4, 1.0));
+  }
+  // With ssd the width goes with the contrast, down to its least; what is given stays.
+  RegistrationOptions options = default_options(Model::Auto, SimilarityType::Ssd, Preset::Balanced);
+  const auto width_at = [&](double share) {
+    return resolved(options, plane, {0, share * options.momenta.full_contrast}).momenta.oriented_width;
+  };
+  EXPECT_EQ(width_at(1.5), 1);
+  EXPECT_NEAR(width_at(0.6), 0.6, 1e-3);
+  EXPECT_EQ(width_at(0.01), 0.35);
+  options.momenta.oriented_width = 0.8;
+  EXPECT_EQ(width_at(0.01), 0.8);
+}
+
+// Elements are where a round before shows an interface: one that nothing comes before would have none.
+TEST(AutoModel, RefusesElementsAloneThatNothingComesBefore) {
+  RegistrationOptions options = default_options(Model::Sliding, SimilarityType::Ssd, Preset::Balanced);
+  options.momenta.orientations = 9;
+  options.momenta.oriented_alone = 2;
+  EXPECT_TRUE(problems(options).empty());
+  options.momenta.reweighted_rounds = 0;
+  EXPECT_THAT(problems(options), ::testing::ElementsAre(::testing::HasSubstr("oriented_alone is 2")));
+  options.momenta.first_order_waits = true;
+  EXPECT_TRUE(problems(options).empty());
+  options.momenta.oblique_share = -0.5;
+  EXPECT_THAT(problems(options), ::testing::ElementsAre(::testing::HasSubstr("oblique_share is -0.5")));
+}
+
 TEST(AutoModel, HasOrientedMomentaOnlyWhereTheyAreCarried) {
   RegistrationOptions options = default_options(Model::Auto, SimilarityType::Ssd, Preset::Balanced);
   const Lattice<2> plane{{128, 128}, {1, 1}, {}};

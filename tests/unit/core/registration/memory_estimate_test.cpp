@@ -153,6 +153,13 @@ TEST(MemoryEstimate, IsABoundWhereElementsAreAlone) {
   EXPECT_GT(finest.oriented_elements, static_cast<int>(one.input.fixed.samples.size() / 5) / 9);
   EXPECT_LE(used, one.declared_mib());
   EXPECT_LT(one.declared_mib(), 0.7 * beside.declared_mib());
+  Case exact(Model::Sliding, SimilarityType::Lncc);
+  exact.options.flow.evolution = Evolution::Exact;
+  exact.options.momenta.orientations = 9;
+  exact.options.momenta.oriented_alone = 2;
+  exact.options.momenta.sparsity = 1e-3;
+  exact.add_masks();
+  EXPECT_LE(exact.used_mib(), exact.declared_mib());
 }
 
 // Of what wants to be active a third may, the strongest; the estimate falls with what is then in use.

@@ -520,6 +520,16 @@ TEST(OrientedModel, ResumesWithTheSameEndWhereItStandsAlone) {
   expect_to_resume_with_the_same_end(options);
 }
 
+// Of a scale that has nothing beside its elements.
+TEST(OrientedModel, ResumesWithTheSameEndWithoutFields) {
+  RegistrationOptions options = default_options(Model::Auto, SimilarityType::Ncc, Preset::Balanced);
+  options.threads = 1;
+  options.momenta.first_order_shear = 1e-9;
+  options.momenta.oriented_alone = 2;
+  options.momenta.oblique_share = 0;
+  expect_to_resume_with_the_same_end(options);
+}
+
 // One element is turned from another normal than a new choice would take, as one with a momentum may be.
 TEST(OrientedModel, PutsBackWhatWasTurnedAndNothingElse) {
   const SettledSlip settled;

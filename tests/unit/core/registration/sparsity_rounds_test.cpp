@@ -232,8 +232,7 @@ TEST(RoundTolerance, FollowsTheContrast) {
     return resolved(asked, image, {0, contrast}).optimisation.round_tolerance;
   };
   EXPECT_EQ(tolerance(1), asked.optimisation.round_tolerance);
-  EXPECT_NEAR(tolerance(0.5 * asked.momenta.full_contrast), 0.5 * asked.optimisation.round_tolerance, 1e-12);
-  EXPECT_NEAR(tolerance(0.01 * asked.momenta.full_contrast), 0.25 * asked.optimisation.round_tolerance, 1e-12);
+  EXPECT_LT(tolerance(0.25 * asked.momenta.full_contrast), 0.1 * asked.optimisation.round_tolerance);
 }
 
 // Order 0 goes on as long as asked before the look, and not longer where a level is more exact anyhow.

@@ -73,6 +73,20 @@ TEST(ReportJson, TellsHowManyOrientedMomentaALevelHasAndWhy) {
   scene.result.summary.levels[0].oriented_elements = 17;
   EXPECT_EQ(json::parse(json_of(scene.report))["levels"][0]["oriented_momenta"],
             json({{"elements", 17}, {"oblique_share", 0.75}}));
+  scene.result.summary.levels[0].oblique_share = 0;  // as where all of an interface lies along an axis
+  EXPECT_EQ(json::parse(json_of(scene.report))["levels"][0]["oriented_momenta"],
+            json({{"elements", 17}, {"oblique_share", 0}}));
+}
+
+TEST(ReportJson, TellsBothWidthsOfOrientedMomenta) {
+  ReportScene<2> scene(3);
+  scene.result.momenta.back().axis = MomentumField<2>::kOriented;
+  scene.result.momenta.back().width_mm = 6;
+  scene.result.momenta.back().normal_width_mm = 3;
+  const json momenta = json::parse(json_of(scene.report))["momenta"];
+  EXPECT_EQ(momenta.back()["width_mm"], 6);
+  EXPECT_EQ(momenta.back()["normal_width_mm"], 3);
+  EXPECT_FALSE(momenta.front().contains("normal_width_mm"));
 }
 
 TEST(ReportJson, CarriesTheNotices) {
