@@ -238,6 +238,8 @@ std::int64_t UploadParts::committed(const UploadPlan& plan) {
   const std::lock_guard lock(part->mutex);
   if (part->is_gone) return 0;
   learn_committed(*part);
+  // Whoever is told what is safe means to go on from there.
+  part->touched = clock_.wall();
   return *part->committed;
 }
 

@@ -62,7 +62,7 @@ class UploadParts {
   /// the bytes of that upload were promised to survive.
   void take_back(const std::filesystem::path& file, const std::string& digest);
 
-  /// Removes parts that no stream has been at for `age`.
+  /// Removes parts that no stream has been at, and that nobody has asked about since the start, for `age`.
   BlobStore::Leftovers expire(std::chrono::milliseconds age);
   /// Parts that wait to be continued or are being written.
   int count();

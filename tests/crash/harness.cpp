@@ -144,7 +144,7 @@ void Harness::start(const std::map<std::string, std::string>& environment) {
                                                {"SALTUS_SYNCED_COPY", synced_copies_.string()}};
   variables["SALTUS_DAYS_AHEAD"] = std::to_string(Model::era.days_ahead);
   variables.insert(environment.begin(), environment.end());
-  Model::era.daemon_start = std::chrono::steady_clock::now();
+  Model::era.begin_daemon();
   daemon_.emplace(std::vector<std::string>{programs_ / "saltusd-failpoints", "--data", folder_ / "data", "--listen",
                                            "unix:" + socket, "--worker", programs_ / "saltus-fake-worker", "--slots",
                                            "4", "--threads-per-job", "1", "--lease-seconds", "3",

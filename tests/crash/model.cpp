@@ -51,10 +51,18 @@ void require_expected_artifacts(const v1::RegistrationJob& job) {
 std::map<std::string, std::string> Model::reference;
 Era Model::era;
 
+bool Era::may_have_collected_by_itself() const {
+  // A minute after its start.
+  return std::chrono::steady_clock::now() - daemon_start_.load() > std::chrono::seconds(50);
+}
+
+void Era::begin_daemon() {
+  if (may_have_collected_by_itself()) ++collections;
+  daemon_start_ = std::chrono::steady_clock::now();
+}
+
 bool Era::may_have_collected(int since) const {
-  // By itself a minute after its start.
-  const auto age = std::chrono::steady_clock::now() - daemon_start.load();
-  return days_ahead > 0 && (collections != since || age > std::chrono::seconds(50));
+  return days_ahead > 0 && (collections != since || may_have_collected_by_itself());
 }
 
 bool Era::is_over(std::chrono::system_clock::time_point end) const {

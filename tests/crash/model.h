@@ -37,13 +37,18 @@ struct KnownUpload {
 /// The daemon's clock and what goes with it, for all clients together.
 struct Era {
   std::atomic<int> days_ahead = 0;   ///< of the real time
-  std::atomic<int> collections = 0;  ///< how often somebody has asked for garbage to be collected
-  std::atomic<std::chrono::steady_clock::time_point> daemon_start{};
+  std::atomic<int> collections = 0;  ///< how often garbage was, or may have been, collected
 
-  /// The daemon may have collected garbage since `collections` was as told, asked or by itself.
+  /// Another daemon begins. The one before may have collected garbage by itself.
+  void begin_daemon();
+  /// A daemon may have collected garbage since `collections` was as told, asked or by itself.
   bool may_have_collected(int since) const;
   /// A job that ended then may be gone.
   bool is_over(std::chrono::system_clock::time_point end) const;
+
+ private:
+  bool may_have_collected_by_itself() const;
+  std::atomic<std::chrono::steady_clock::time_point> daemon_start_{};
 };
 
 /// What one client was told, and whether the daemon keeps to it. A breach is a Violation.

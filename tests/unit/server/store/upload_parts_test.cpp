@@ -255,6 +255,20 @@ TEST_F(UploadPartsTest, AbandonedPartsExpireAndThoseInUseDoNot) {
   expect_published();
 }
 
+TEST_F(UploadPartsTest, WhoAsksHowFarAnUploadCameFindsThatMuchForAnotherDay) {
+  {
+    const auto upload = begin();
+    upload->append(content.substr(0, 20));
+    upload->park();
+  }
+  clock.advance(24h);
+  EXPECT_EQ(committed(), 20);
+  EXPECT_EQ(blobs->expire_uploads(24h).count, 0);
+  clock.advance(24h);
+  EXPECT_EQ(blobs->expire_uploads(24h).count, 1);
+  EXPECT_EQ(committed(), 0);
+}
+
 TEST_F(UploadPartsTest, TheOldestPartMakesRoomWhenThereAreTooMany) {
   for (const std::string id : {"1", "2", "3", "4"}) {
     const auto upload = begin(0, id);
