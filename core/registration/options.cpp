@@ -107,7 +107,7 @@ RegistrationOptions default_options(Model model, SimilarityType similarity, Pres
       o.momenta.regularisation = 1e-4;
       o.momenta.first_order_regularisation = 1e-3;
       o.momenta.sparsity = 5e-2;
-      o.flow.divergence_weight = 1;
+      o.flow.divergence_weight = -1;
       break;
     case SimilarityType::Ngf:
       o.momenta.regularisation = 1e-3;
@@ -166,7 +166,7 @@ RegistrationOptions default_options(Model model, SimilarityType similarity, Pres
   if (model == Model::Auto) {
     // What is oblique has momenta of its own (core/README.md, "Sparsity").
     if (similarity == SimilarityType::Ncc && preset != Preset::Fast) o.momenta.sparsity *= 2;
-    if (similarity == SimilarityType::Lncc) o.momenta.sparsity = -1;
+    if (similarity == SimilarityType::Lncc) o.momenta.sparsity = o.momenta.narrow_width_shear = -1;
     if (is_correlation && preset == Preset::Balanced) {
       o.momenta.even_sparsity = 1.5;
       o.optimisation.round_tolerance = 0.1;

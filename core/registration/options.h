@@ -45,6 +45,10 @@ struct RegistrationOptions {
                               ///< widths where they are better for model, similarity and noise (core/README.md)
     std::vector<KernelWidth> kernel_widths;  ///< kernel of the scales that have order 0 as a sum of widths; empty:
                                              ///< width_voxels, and where that is 0 what it stands for
+    /// The finest scale that has order 0 counts all widths of kernel_widths but the widest a tenth if the velocity of
+    /// the next coarser level is simple shear to less than this (simple_shear.h): they are for what is sharp; 0: never;
+    /// -1: what was measured (core/README.md, "Widths").
+    double narrow_width_shear = 0;
     std::vector<KernelWidth> first_order_kernel_widths;  ///< of the scales of order 1 alone; empty: width_voxels
     int scales = 0;         ///< number of order-0 scales, each twice as wide as the next; 0: one a level
     int finest_scale = -1;  ///< q: the finest order-0 scale has 2^q reference voxels; -1: that of the finest level, but
@@ -106,7 +110,8 @@ struct RegistrationOptions {
     double map_tolerance = 0;
     int coarsening = 0;  ///< order 0 (beside which no order 1 shares its scale), and the flow as long as it is
                          ///< alone, are sampled 2^n times coarser than the images of the level
-    double divergence_weight = 0;  ///< of 1/2 integral |div v|^2 over space and time: holds back opening and overlap
+    double divergence_weight = 0;  ///< of 1/2 integral |div v|^2 over space and time: holds back opening and overlap;
+                                   ///< -1: by similarity and dimension, as measured (core/README.md, "Divergence")
   } flow;
 
   SimilarityOptions similarity_parameters;

@@ -237,6 +237,12 @@ const std::vector<Parameter>& parameters() {
           "thirds of width 6 and one of 12; each width costs as much as the first; none: width_voxels, and where that "
           "is 0 what it stands for",
           [](O & o) -> auto& { return o.momenta.kernel_widths; }),
+      real(
+          "narrow_width_shear", "", -1, Lower::Inclusive, inf,
+          "the finest scale that has order 0 counts all widths of kernel_widths but the widest a tenth if the velocity "
+          "of the next coarser level is simple shear to less than this; 0: never, -1 (and nothing else below 0): by "
+          "similarity and dimension",
+          [](O & o) -> auto& { return o.momenta.narrow_width_shear; }),
       kernel_widths(
           "first_order_kernel_widths", "voxels of the scale",
           "as kernel_widths, for scales of order 1 that have a kernel of their own (models sliding and auto); none: "
@@ -374,8 +380,9 @@ const std::vector<Parameter>& parameters() {
           "order 0, and the flow while there is no order 1, are sampled so much coarser than the images of a level",
           [](O & o) -> auto& { return o.flow.coarsening; }),
       real(
-          "divergence_weight", "", 0, Lower::Inclusive, inf,
-          "weight of the divergence of the velocity, which leaves sliding free and holds back opening and overlap",
+          "divergence_weight", "", -1, Lower::Inclusive, inf,
+          "weight of the divergence of the velocity, which leaves sliding free and holds back opening and overlap; -1 "
+          "(and nothing else below 0): by similarity and dimension",
           [](O & o) -> auto& { return o.flow.divergence_weight; }),
       real(
           "similarity_weight", "", 0, Lower::Exclusive, inf, "multiplies the similarity",
@@ -502,10 +509,13 @@ std::vector<std::string> problems(const RegistrationOptions& options) {
   else if (shear > 0 && options.momenta.sparsity == 0)
     found.push_back(given_shear +
                     " and sparsity is 0, with which first orders always take part; set that above 0, or this to 0");
-  const double oblique = options.momenta.oblique_share;
-  if (oblique > -1 && oblique < 0)
-    found.push_back("parameter oblique_share is " + format(oblique) +
-                    "; below 0 it must be -1, which stands for what was measured");
+  const std::pair<const char*, double> measured[] = {{"oblique_share", options.momenta.oblique_share},
+                                                     {"narrow_width_shear", options.momenta.narrow_width_shear},
+                                                     {"divergence_weight", options.flow.divergence_weight}};
+  for (const auto& [name, value] : measured)
+    if (value > -1 && value < 0)
+      found.push_back("parameter " + std::string(name) + " is " + format(value) +
+                      "; below 0 it must be -1, which stands for what was measured");
   if (options.momenta.oriented_alone == 2 && options.momenta.orientations != 0 && !options.momenta.first_order_waits &&
       options.momenta.reweighted_rounds == 0)
     found.push_back(

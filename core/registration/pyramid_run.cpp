@@ -2,6 +2,7 @@
 
 #include "core/flow/backward_map.h"
 #include "core/registration/expected_iterations.h"
+#include "core/registration/simple_shear.h"
 #include "core/support/errors.h"
 #include "core/support/thread_count.h"
 
@@ -143,7 +144,13 @@ void PyramidRun<Dim>::begin_level(std::size_t step) {
   level_.smoothing_voxels = pyramid_.smoothing_voxels(level);
   level_.similarity_weight = pyramid_.similarity_weight(level);
   level_.map_steps = map_steps_;
+  level_.shear_before = shear_before_;
+  if (shear_before_ > 0 && shear_before_ < options_.momenta.narrow_width_shear)
+    level_.narrow_share = kNarrowShareOfSmooth;
+  shear_before_ = 0;
   if (is_resumed_) level_ = reached_.level;
+  if (level_.narrow_share < 1 || (is_resumed_ && narrow_share() < 1))
+    scales_ = make_scales<Dim, Scalar>(pyramid_.fixed_lattice(), options_, directions_, narrow_share());
   images_.map_steps = level_.map_steps;
   level_seconds_before_ = level_.seconds;
   level_cpu_seconds_before_ = level_.cpu_seconds;
@@ -316,6 +323,28 @@ void PyramidRun<Dim>::end_level() {
   summary_.levels.push_back(level_);
   for (std::size_t step = step_ + 1; step < levels_.size() && has_found(); ++step)
     meter_.expect(step, planned_work(levels_[step], true));
+  if (level_.termination != Termination::Stopped) ask_for_narrow_widths();
+}
+
+/// Where the next level has the finest scale of order 0: how sharp what this one has found is. Beside first orders
+/// narrow widths are always wanted.
+template <int Dim>
+void PyramidRun<Dim>::ask_for_narrow_widths() {
+  const RegistrationOptions::Momenta& momenta = options_.momenta;
+  const bool begins_next =
+      step_ + 1 < levels_.size() && levels_[step_] > momenta.finest_scale && levels_[step_ + 1] <= momenta.finest_scale;
+  if (momenta.narrow_width_shear == 0 || momenta.kernel_widths.size() < 2 || !begins_next || is_beside_first_ ||
+      has_found())
+    return;
+  shear_before_ = simple_shear(objective_->flow_lattice(), objective_->starting_velocity(reached_.minimiser.x));
+}
+
+/// What narrow widths count in the finest scale of order 0 as long as there are no first orders beside it.
+template <int Dim>
+double PyramidRun<Dim>::narrow_share() const {
+  double share = level_.narrow_share;
+  for (const LevelSummary& before : summary_.levels) share = std::min(share, before.narrow_share);
+  return share;
 }
 
 /// Of the next level, from what this one has found.

@@ -61,6 +61,8 @@ class PyramidRun {
   double planned_work(int level, bool lets_in) const;
   bool make_objective(const SparsityRound& round);
   void choose_map_steps();
+  void ask_for_narrow_widths();
+  double narrow_share() const;
   bool first_orders_are_worth_it();
   bool would_join();
   void begin_beside_first_orders();
@@ -91,7 +93,8 @@ class PyramidRun {
   bool is_beside_first_ = false;  ///< whether order 0 has the weight that it has beside first orders
   RegistrationSummary summary_;
 
-  int map_steps_ = 1;  ///< of the next level
+  int map_steps_ = 1;        ///< of the next level
+  double shear_before_ = 0;  ///< simple shear at the end of the level before, where narrow widths ask for it
 
   // Of the level at hand.
   std::size_t step_ = 0;

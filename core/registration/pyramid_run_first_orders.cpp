@@ -40,11 +40,13 @@ bool PyramidRun<Dim>::would_join() {
   return is_wanted;
 }
 
-/// From here on order 0 has the weight that it has beside first orders, and momenta that make the same velocity.
+/// From here on order 0 has the weight that it has beside first orders, and momenta that make the same velocity, but
+/// for what narrow widths add that had been left out.
 template <int Dim>
 void PyramidRun<Dim>::begin_beside_first_orders() {
-  const double alone = options_.momenta.regularisation, beside = options_.momenta.regularisation_beside_first;
-  if (is_beside_first_ || beside == 0 || beside == alone) return;
+  const double alone = options_.momenta.regularisation;
+  const double asked = options_.momenta.regularisation_beside_first, beside = asked == 0 ? alone : asked;
+  if (is_beside_first_ || (beside == alone && narrow_share() == 1)) return;
   is_beside_first_ = true;
   const bool has_objective = objective_ != nullptr;
   objective_.reset();

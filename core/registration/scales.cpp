@@ -40,6 +40,12 @@ double least_shear(int dimension, SimilarityType similarity) {
   return similarity == SimilarityType::Lncc ? 10.6 : 5.5;
 }
 
+/// What a velocity has at least where order 0 needs narrow widths, see simple_shear; measured, core/README.md,
+/// "Widths". In 3-D 4.5 is that of chance which keeps volumes.
+double sharp_shear(int dimension, SimilarityType similarity) {
+  return dimension == 3 && similarity == SimilarityType::Lncc ? 4.5 : 0;
+}
+
 /// With auto, whose momenta of oblique interfaces are oriented, for those along the axes; measured, core/README.md,
 /// "Sparsity". A window of lncc holds fewer samples in 2-D, and more noise.
 double lncc_sparsity(int dimension, Preset preset) {
@@ -121,6 +127,14 @@ RegistrationOptions resolved(const RegistrationOptions& options, const Lattice<D
     const bool may_be_left_out = o.momenta.first_order_scales > 0 && o.momenta.sparsity > 0;
     o.momenta.first_order_shear = may_be_left_out ? least_shear(Dim, o.similarity) : 0;
   }
+  if (o.flow.divergence_weight < 0)
+    o.flow.divergence_weight = o.similarity == SimilarityType::Lncc
+                                   ? (Dim == 2 ? 1 : 0.6)
+                                   : default_options(o.model, o.similarity, o.preset).flow.divergence_weight;
+  if (o.momenta.narrow_width_shear < 0) {
+    const bool is_measured = o.momenta.kernel_widths.empty() && o.momenta.width_voxels == 0;
+    o.momenta.narrow_width_shear = is_measured ? sharp_shear(Dim, o.similarity) : 0;
+  }
   if (o.momenta.orientations < 0) {
     // With the other evolutions they are worth little (core/README.md, "Slip at any orientation").
     const bool can = o.momenta.first_order_scales > 0 && o.model != Model::Directional && o.momenta.sparsity > 0 &&
@@ -179,6 +193,15 @@ RegistrationOptions resolved(const RegistrationOptions& options, const Lattice<D
 
 namespace {
 
+/// With all widths of order 0 but the widest counting `share` of what they do.
+RegistrationOptions::Momenta with_narrow_share(RegistrationOptions::Momenta momenta, double share) {
+  const auto is_narrower = [](const KernelWidth& a, const KernelWidth& b) { return a.voxels < b.voxels; };
+  const auto widest = std::max_element(momenta.kernel_widths.begin(), momenta.kernel_widths.end(), is_narrower);
+  for (auto width = momenta.kernel_widths.begin(); width != momenta.kernel_widths.end(); ++width)
+    if (width != widest) width->weight *= share;
+  return momenta;
+}
+
 /// The kernel of a scale whose voxel is `voxel_mm`.
 KernelSum kernel_of(const RegistrationOptions::Momenta& momenta, Orders orders, double voxel_mm,
                     std::unique_ptr<KernelProfile> (*make)(double)) {
@@ -211,7 +234,7 @@ double first_order_width(const Lattice<Dim>& image, const RegistrationOptions& o
 
 template <int Dim, class T>
 std::vector<PlacedScale<Dim, T>> make_scales(const Lattice<Dim>& image, const RegistrationOptions& options,
-                                             const Field<double>& directions) {
+                                             const Field<double>& directions, double narrow_share) {
   const RegistrationOptions::Momenta& momenta = options.momenta;
   if (!(momenta.regularisation > 0))
     throw InvalidInput(
@@ -232,7 +255,9 @@ std::vector<PlacedScale<Dim, T>> make_scales(const Lattice<Dim>& image, const Re
                        q <= std::max(coarsest, momenta.first_order_finest_scale);
     const auto place = [&](Orders orders, std::unique_ptr<KernelProfile> (*make)(double)) {
       MomentumScaleOptions<Dim> made;
-      made.kernel = kernel_of(momenta, orders, std::ldexp(reference, q), make);
+      const bool is_finest_zeroth = has_zeroth(orders) && q == momenta.finest_scale;
+      made.kernel = kernel_of(is_finest_zeroth ? with_narrow_share(momenta, narrow_share) : momenta, orders,
+                              std::ldexp(reference, q), make);
       made.lattice = level_lattice(image, orders == Orders::Zeroth ? q + options.flow.coarsening : q);
       made.orders = orders;
       if (has_first(orders) && options.model == Model::Directional)
@@ -262,12 +287,12 @@ template Lattice<3> level_lattice(const Lattice<3>&, int);
 template double first_order_width(const Lattice<2>&, const RegistrationOptions&, int);
 template double first_order_width(const Lattice<3>&, const RegistrationOptions&, int);
 template std::vector<PlacedScale<2, float>> make_scales(const Lattice<2>&, const RegistrationOptions&,
-                                                        const Field<double>&);
+                                                        const Field<double>&, double);
 template std::vector<PlacedScale<3, float>> make_scales(const Lattice<3>&, const RegistrationOptions&,
-                                                        const Field<double>&);
+                                                        const Field<double>&, double);
 template std::vector<PlacedScale<2, double>> make_scales(const Lattice<2>&, const RegistrationOptions&,
-                                                         const Field<double>&);
+                                                         const Field<double>&, double);
 template std::vector<PlacedScale<3, double>> make_scales(const Lattice<3>&, const RegistrationOptions&,
-                                                         const Field<double>&);
+                                                         const Field<double>&, double);
 
 }  // namespace saltus

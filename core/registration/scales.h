@@ -21,6 +21,9 @@ struct PlacedScale {
 template <int Dim>
 inline constexpr int kElementSpacing = Dim == 3 ? 3 : 1;
 
+/// What narrow widths of order 0 count where narrow_width_shear finds nothing sharp.
+inline constexpr double kNarrowShareOfSmooth = 0.1;
+
 /// Lattice of pyramid level `level`: the reference spacing (the finest of the image) times 2^level, where the image is
 /// fine enough for it.
 template <int Dim>
@@ -51,9 +54,10 @@ double first_order_width(const Lattice<Dim>& image, const RegistrationOptions& o
 /// The scales that resolved options ask for, coarsest first. Scale q lives on the lattice of level q; its kernel has
 /// the width width_voxels * reference spacing * 2^q, or is the sum of widths that kernel_widths (order 1 alone:
 /// first_order_kernel_widths) asks for. The order-0 kernel of `sliding` is Gaussian, its order-1 kernel Wendland.
-/// `directions` are those of frame_directions, for model directional.
+/// `directions` are those of frame_directions, for model directional. Widths of kernel_widths but the widest count
+/// `narrow_share` in the finest scale that has order 0.
 template <int Dim, class T>
 std::vector<PlacedScale<Dim, T>> make_scales(const Lattice<Dim>& image, const RegistrationOptions& options,
-                                             const Field<double>& directions = {});
+                                             const Field<double>& directions = {}, double narrow_share = 1);
 
 }  // namespace saltus

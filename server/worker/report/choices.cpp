@@ -65,7 +65,8 @@ std::string measured_from(const std::string& name, const ReportInput<Dim>& input
   }
   if (name == "most_active_share") return "from the model and the dimension; it bounds the memory that a job declares";
   if (name == "kernel_widths") return "from the model, the similarity and the noise on the finest level";
-  if (name == "regularisation" || name == "first_order_shear" || name == "oblique_share" || name == "oriented_sparsity")
+  if (name == "regularisation" || name == "first_order_shear" || name == "oblique_share" ||
+      name == "oriented_sparsity" || name == "narrow_width_shear" || name == "divergence_weight")
     return "from the similarity and the dimension, for which it was measured";
   if (name == "regularisation_beside_first")
     return input.options->similarity == SimilarityType::Lncc
@@ -141,6 +142,16 @@ std::vector<Choice> choices(const ReportInput<Dim>& input) {
            " voxels (asked: " + number(flow.map_tolerance) + ")";
     found.push_back({"level " + std::to_string(level.level) + ": steps of the map", std::to_string(level.map_steps), "",
                      why, false});
+  }
+  for (const LevelSummary& level : summary.levels) {
+    if (level.shear_before == 0) continue;
+    const bool is_sharp = level.narrow_share == 1;
+    found.push_back({"level " + std::to_string(level.level) + ": narrow widths of order 0",
+                     is_sharp ? "as in kernel_widths" : "count " + number(level.narrow_share) + " of that", "",
+                     "the level before ended with a simple shear of " + number(level.shear_before) +
+                         " (asked: " + number(input.result->options.momenta.narrow_width_shear) +
+                         "): " + (is_sharp ? "something is sharp" : "the motion is smooth"),
+                     false});
   }
   for (const LevelSummary& level : summary.levels) {
     if (level.decision == FirstOrderDecision::None) continue;

@@ -258,6 +258,54 @@ TEST(AutoModel, HasOrientedMomentaAloneIn3d) {
   }
 }
 
+// With lncc in 3-D order 0 is as wide as the motion is smooth. Oracles: the true motion; sliding, and all widths as
+// they are.
+TEST(AutoModel, CountsNarrowWidthsWhereSomethingIsSharp) {
+  for (PhantomKind kind : {PhantomKind::Smooth, PhantomKind::Slip}) {
+    SCOPED_TRACE(kind == PhantomKind::Smooth ? "smooth" : "slip");
+    PhantomOptions scene = default_phantom_options(kind, 3);
+    scene.size = {64, 64, 64};
+    scene.noise = 0.01;
+    if (kind == PhantomKind::Smooth) scene.displacement_mm = 4;
+    const Phantom<3> phantom = make_phantom<3>(scene);
+    RegistrationOptions options = default_options(Model::Auto, SimilarityType::Lncc, Preset::Balanced);
+    const LevelSummary finest = register_images<3>(pair_of(phantom), options).summary.levels.back();
+    EXPECT_EQ(finest.narrow_share, kind == PhantomKind::Smooth ? kNarrowShareOfSmooth : 1) << finest.shear_before;
+    EXPECT_EQ(finest.shear_before < 4.5, kind == PhantomKind::Smooth);
+    if (kind == PhantomKind::Slip) continue;
+    const double found = outcome_of(phantom, options).error_mm;
+    EXPECT_LT(found,
+              outcome_of(phantom, default_options(Model::Sliding, SimilarityType::Lncc, Preset::Balanced)).error_mm);
+    options.momenta.narrow_width_shear = 0;
+    EXPECT_EQ(register_images<3>(pair_of(phantom), options).summary.levels.back().shear_before, 0);
+    EXPECT_LT(found, 0.95 * outcome_of(phantom, options).error_mm);
+  }
+}
+
+TEST(AutoModel, ChoosesDivergenceAndNarrowWidthsBySimilarityAndDimension) {
+  const Lattice<2> plane{{128, 128}, {1, 1}, {}};
+  const Lattice<3> cube{{128, 128, 128}, {1, 1, 1}, {}};
+  for (Model model : {Model::Auto, Model::Sliding, Model::Gaussian})
+    for (SimilarityType similarity : {SimilarityType::Ssd, SimilarityType::Ncc, SimilarityType::Lncc}) {
+      SCOPED_TRACE(to_string(model) + " " + to_string(similarity));
+      RegistrationOptions options = default_options(model, similarity, Preset::Balanced);
+      const RegistrationOptions flat = resolved(options, plane), deep = resolved(options, cube);
+      if (similarity == SimilarityType::Lncc) {
+        EXPECT_EQ(flat.flow.divergence_weight, 1);
+        EXPECT_EQ(deep.flow.divergence_weight, 0.6);
+      } else {
+        EXPECT_EQ(flat.flow.divergence_weight, options.flow.divergence_weight);
+        EXPECT_EQ(deep.flow.divergence_weight, options.flow.divergence_weight);
+      }
+      EXPECT_EQ(flat.momenta.narrow_width_shear, 0);
+      const bool asks = model == Model::Auto && similarity == SimilarityType::Lncc;
+      EXPECT_EQ(deep.momenta.narrow_width_shear, asks ? 4.5 : 0);
+      EXPECT_EQ(resolved(deep, cube).momenta.narrow_width_shear, deep.momenta.narrow_width_shear);
+      options.momenta.kernel_widths = {{9, 1}, {4, 1}};  // what is given counts as it is
+      EXPECT_EQ(resolved(options, cube).momenta.narrow_width_shear, 0);
+    }
+}
+
 TEST(AutoModel, ChoosesItsElementsBySimilarityDimensionAndContrast) {
   const Lattice<2> plane{{128, 128}, {1, 1}, {}};
   const Lattice<3> cube{{128, 128, 128}, {1, 1, 1}, {}};
@@ -293,8 +341,16 @@ TEST(AutoModel, RefusesElementsAloneThatNothingComesBefore) {
   EXPECT_THAT(problems(options), ::testing::ElementsAre(::testing::HasSubstr("oriented_alone is 2")));
   options.momenta.first_order_waits = true;
   EXPECT_TRUE(problems(options).empty());
+}
+
+TEST(AutoModel, RefusesWhatIsBelowNothingButStandsForNoMeasure) {
+  RegistrationOptions options = default_options(Model::Auto, SimilarityType::Lncc, Preset::Balanced);
   options.momenta.oblique_share = -0.5;
-  EXPECT_THAT(problems(options), ::testing::ElementsAre(::testing::HasSubstr("oblique_share is -0.5")));
+  options.momenta.narrow_width_shear = -0.25;
+  options.flow.divergence_weight = -0.75;
+  EXPECT_THAT(problems(options), ::testing::ElementsAre(::testing::HasSubstr("oblique_share is -0.5"),
+                                                        ::testing::HasSubstr("narrow_width_shear is -0.25"),
+                                                        ::testing::HasSubstr("divergence_weight is -0.75")));
 }
 
 TEST(AutoModel, HasOrientedMomentaOnlyWhereTheyAreCarried) {

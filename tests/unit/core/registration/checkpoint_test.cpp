@@ -213,6 +213,34 @@ TEST(Checkpoint, ResumesWhereOrder0HasAnotherWeightBesideFirstOrdersWithTheSameE
   }
 }
 
+// What narrow widths count is found on the level before the finest scale begins, and is of all that come after, until
+// first orders are let in.
+TEST(Checkpoint, ResumesWhereNarrowWidthsCountLessWithTheSameEnd) {
+  for (double shear : {1e-9, 1e9})
+    for (int finest_scale : {0, 1}) {
+      SCOPED_TRACE(std::to_string(shear) + ", finest scale " + std::to_string(finest_scale));
+      RegistrationOptions options = quick(SimilarityType::Lncc);
+      options.optimisation.max_iterations = 5;
+      options.pyramid.levels = 3;
+      options.momenta.finest_scale = finest_scale;
+      options.momenta.width_voxels = 0;
+      options.momenta.kernel_widths = {{9, 1}, {4, 2}};
+      options.momenta.sparsity = 1e-3;
+      options.momenta.first_order_shear = shear;
+      RegistrationOptions smooth = options;
+      smooth.momenta.narrow_width_shear = 1e9;
+      const RegistrationResult<2> whole = register_images<2>(plane(), smooth);
+      const auto& levels = whole.summary.levels;
+      ASSERT_EQ(levels.size(), finest_scale + 2u);
+      for (std::size_t k = 0; k < levels.size(); ++k) {
+        ASSERT_EQ(levels[k].narrow_share < 1, k == 1) << k;
+        ASSERT_EQ(levels[k].shear_before > 0, k == 1) << k;
+      }
+      ASSERT_NE(levels.back().energy_after, register_images<2>(plane(), options).summary.levels.back().energy_after);
+      resumes_anywhere<2>(plane(), smooth);
+    }
+}
+
 TEST(Checkpoint, ResumesAtAnyStepWithTheSameEnd3d) {
   RegistrationInput<3> input = pair_of<3>(centred_grid<3>({14, 12, 8}, {1, 1, 1.5}, Matrix<3>::Identity()));
   input.fixed_mask = Volume<3>(input.fixed.grid, 1.0f);

@@ -5,9 +5,12 @@
 #include <cmath>
 #include <utility>
 
+#include "core/phantom/make_phantom.h"
+#include "core/registration/pyramid_run.h"
 #include "core/registration/register_images.h"
 #include "core/registration/scales.h"
 #include "core/support/errors.h"
+#include "tests/support/phantom_pair.h"
 
 namespace saltus {
 namespace {
@@ -59,6 +62,53 @@ TEST(KernelWidths, AreVoxelsOfEachScale) {
     EXPECT_DOUBLE_EQ(kernel.components()[0].profile->width(), std::ldexp(3.0, placed.level));
     EXPECT_DOUBLE_EQ(kernel.components()[1].profile->width(), std::ldexp(5.0, placed.level));
     EXPECT_EQ(kernel.name(), "wendland sum");
+  }
+}
+
+TEST(KernelWidths, NarrowOnesCountTheirShareInTheFinestScaleOfOrderZero) {
+  const Lattice<2> image{{64, 64}, {1, 1}, {}};
+  RegistrationOptions options = default_options(Model::Sliding, SimilarityType::Lncc, Preset::Balanced);
+  options.momenta.kernel_widths = {{4, 2}, {9, 1}, {6, 1}};
+  options.momenta.first_order_kernel_widths = {{5, 1}, {3, 1}};
+  const RegistrationOptions used = resolved(options, image);
+  for (const auto& placed : make_scales<2, float>(image, used, {}, 0.25)) {
+    const auto& components = placed.scale->options().kernel.components();
+    if (placed.scale->has_first_order()) {
+      EXPECT_DOUBLE_EQ(components[1].weight, 0.5);
+      continue;
+    }
+    const bool is_finest = placed.level == used.momenta.finest_scale;
+    EXPECT_DOUBLE_EQ(components[0].weight, is_finest ? 0.5 / 1.75 : 0.5) << placed.level;
+    EXPECT_DOUBLE_EQ(components[1].weight, is_finest ? 1 / 1.75 : 0.25) << placed.level;
+    EXPECT_DOUBLE_EQ(components[2].weight, is_finest ? 0.25 / 1.75 : 0.25) << placed.level;
+  }
+}
+
+// As soon as first orders are there, order 0 has all of its widths again.
+TEST(KernelWidths, AreWholeBesideFirstOrders) {
+  const RegistrationInput<2> input = testing::pair_of(make_phantom<2>(default_phantom_options(PhantomKind::Slip)));
+  for (double shear : {0.0, 1e9}) {
+    RegistrationOptions options = default_options(Model::Auto, SimilarityType::Ncc, Preset::Balanced);
+    options.momenta.kernel_widths = {{9, 1}, {4, 1}};
+    options.momenta.finest_scale = 0;  // with first orders beside it and none before
+    options.momenta.narrow_width_shear = 1e9;
+    options.momenta.first_order_shear = shear == 0 ? 1e-9 : shear;
+    options.threads = 1;
+    const Field<double> no_directions;
+    const ProgressCallback no_progress;
+    const Checkpointing no_checkpoints;
+    PyramidRun<2> run(input, options, no_directions, false, no_progress, no_checkpoints);
+    run.run();
+    const LevelSummary& finest = run.summary().levels.back();
+    EXPECT_EQ(finest.narrow_share, kNarrowShareOfSmooth);
+    EXPECT_EQ(finest.decision, shear == 0 ? FirstOrderDecision::LetIn : FirstOrderDecision::LeftOut);
+    int zeroth = 0;
+    for (const auto* scale : run.scales())
+      if (!scale->has_first_order() && scale->lattice().spacing[0] < 2 * (1 << run.options().flow.coarsening)) {
+        ++zeroth;
+        EXPECT_DOUBLE_EQ(scale->options().kernel.components()[1].weight, shear == 0 ? 0.5 : 0.1 / 1.1);
+      }
+    EXPECT_EQ(zeroth, 1);
   }
 }
 

@@ -165,6 +165,24 @@ TEST(Choices, TellWhetherFirstOrderMomentaWereLetInAndWhy) {
   EXPECT_THAT(line(), is("left out", "2.5", "nothing slides"));
 }
 
+TEST(Choices, TellWhatNarrowWidthsCountAndWhy) {
+  ReportScene<2> scene(3);
+  const auto named = Field(&Choice::name, "level 1: narrow widths of order 0");
+  EXPECT_THAT(choices(scene.report), Not(Contains(named)));  // nobody asked
+  LevelSummary& level = scene.result.summary.levels[0];
+  scene.result.options.momenta.narrow_width_shear = 4.5;
+  level.shear_before = 12.5;
+  const auto because = [](const char* shear, const char* end) {
+    return Field(&Choice::why, AllOf(HasSubstr(std::string("shear of ") + shear + " (asked: 4.5): "), HasSubstr(end)));
+  };
+  EXPECT_THAT(choices(scene.report),
+              Contains(AllOf(named, Field(&Choice::value, "as in kernel_widths"), because("12.5", "is sharp"))));
+  level.shear_before = 3.5;
+  level.narrow_share = 0.125;
+  EXPECT_THAT(choices(scene.report),
+              Contains(AllOf(named, Field(&Choice::value, "count 0.125 of that"), because("3.5", "is smooth"))));
+}
+
 TEST(Choices, TellWhereTheImagesWereCompared) {
   ReportScene<2> scene(3);
   const auto named = Field(&Choice::name, "region");

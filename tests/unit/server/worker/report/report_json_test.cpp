@@ -59,6 +59,15 @@ TEST(ReportJson, TellsWhatALevelDecidedOnFirstOrderMomenta) {
   }
 }
 
+TEST(ReportJson, TellsWhatNarrowWidthsCountAndWhy) {
+  ReportScene<2> scene(3);
+  EXPECT_FALSE(json::parse(json_of(scene.report))["levels"][0].contains("narrow_widths"));
+  scene.result.summary.levels[0].shear_before = 3.5;
+  scene.result.summary.levels[0].narrow_share = 0.125;
+  EXPECT_EQ(json::parse(json_of(scene.report))["levels"][0]["narrow_widths"],
+            json({{"share", 0.125}, {"simple_shear_before", 3.5}}));
+}
+
 TEST(ReportJson, TellsHowManyBlocksWereKeptOut) {
   ReportScene<2> scene(3);
   EXPECT_FALSE(json::parse(json_of(scene.report))["levels"][0].contains("kept_out_block_share"));
