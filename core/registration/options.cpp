@@ -141,8 +141,12 @@ RegistrationOptions default_options(Model model, SimilarityType similarity, Pres
   }
   if (similarity == SimilarityType::Ssd && is_sliding) {
     o.flow.time_steps = preset == Preset::Accurate ? 2 : 1;
-    o.flow.map_steps = preset == Preset::Balanced ? 3 : 2;
-    o.optimisation.tolerance = preset == Preset::Fast ? 5e-2 : preset == Preset::Balanced ? 2e-2 : 5e-3;
+    // Where coarser levels tell how many steps of the map a motion needs, two are enough on the finest
+    // (core/README.md, "Time steps").
+    o.flow.map_steps = preset == Preset::Balanced && model != Model::Auto ? 3 : 2;
+    o.optimisation.history = 0;
+    const double balanced = model == Model::Auto ? 2.5e-2 : 2e-2;
+    o.optimisation.tolerance = preset == Preset::Fast ? 5e-2 : preset == Preset::Balanced ? balanced : 5e-3;
     o.momenta.full_contrast = 0.04;
     o.optimisation.round_tolerance = 0.1;
   }

@@ -66,7 +66,7 @@ std::string measured_from(const std::string& name, const ReportInput<Dim>& input
   if (name == "most_active_share") return "from the model and the dimension; it bounds the memory that a job declares";
   if (name == "kernel_widths") return "from the model, the similarity and the noise on the finest level";
   if (name == "regularisation" || name == "first_order_shear" || name == "oblique_share" ||
-      name == "oriented_sparsity" || name == "narrow_width_shear" || name == "divergence_weight")
+      name == "oriented_sparsity" || name == "narrow_width_shear" || name == "divergence_weight" || name == "history")
     return "from the similarity and the dimension, for which it was measured";
   if (name == "regularisation_beside_first")
     return input.options->similarity == SimilarityType::Lncc

@@ -282,7 +282,7 @@ TEST(AutoModel, CountsNarrowWidthsWhereSomethingIsSharp) {
   }
 }
 
-TEST(AutoModel, ChoosesDivergenceAndNarrowWidthsBySimilarityAndDimension) {
+TEST(AutoModel, ChoosesWhatDependsOnSimilarityAndDimension) {
   const Lattice<2> plane{{128, 128}, {1, 1}, {}};
   const Lattice<3> cube{{128, 128, 128}, {1, 1, 1}, {}};
   for (Model model : {Model::Auto, Model::Sliding, Model::Gaussian})
@@ -297,6 +297,9 @@ TEST(AutoModel, ChoosesDivergenceAndNarrowWidthsBySimilarityAndDimension) {
         EXPECT_EQ(flat.flow.divergence_weight, options.flow.divergence_weight);
         EXPECT_EQ(deep.flow.divergence_weight, options.flow.divergence_weight);
       }
+      const bool is_ssd_with_first_orders = model != Model::Gaussian && similarity == SimilarityType::Ssd;
+      EXPECT_EQ(flat.optimisation.history, is_ssd_with_first_orders ? 12 : 6);
+      EXPECT_EQ(deep.optimisation.history, 6);
       EXPECT_EQ(flat.momenta.narrow_width_shear, 0);
       const bool asks = model == Model::Auto && similarity == SimilarityType::Lncc;
       EXPECT_EQ(deep.momenta.narrow_width_shear, asks ? 4.5 : 0);
