@@ -129,7 +129,7 @@ struct RegistrationOptions {
     /// A round without first orders ends when the square of the residual is at most this share of what the images'
     /// noise alone makes of it; 0: does not.
     double noise_tolerance = 0;
-    int history = 6;  ///< pairs kept by L-BFGS; 0: 12 in 2-D, 6 in 3-D, as measured (core/README.md, "Stopping")
+    int history = 6;  ///< pairs kept by L-BFGS; 0: 20 in 2-D, 6 in 3-D, as measured (core/README.md, "Stopping")
   } optimisation;
 
   int threads = 0;  ///< 0: all that the process may use

@@ -127,7 +127,7 @@ RegistrationOptions resolved(const RegistrationOptions& options, const Lattice<D
     const bool may_be_left_out = o.momenta.first_order_scales > 0 && o.momenta.sparsity > 0;
     o.momenta.first_order_shear = may_be_left_out ? least_shear(Dim, o.similarity) : 0;
   }
-  if (o.optimisation.history == 0) o.optimisation.history = Dim == 2 ? 12 : 6;
+  if (o.optimisation.history == 0) o.optimisation.history = Dim == 2 ? 20 : 6;
   if (o.flow.divergence_weight < 0)
     o.flow.divergence_weight = o.similarity == SimilarityType::Lncc
                                    ? (Dim == 2 ? 1 : 0.6)

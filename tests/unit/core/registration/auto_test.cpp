@@ -298,7 +298,7 @@ TEST(AutoModel, ChoosesWhatDependsOnSimilarityAndDimension) {
         EXPECT_EQ(deep.flow.divergence_weight, options.flow.divergence_weight);
       }
       const bool is_ssd_with_first_orders = model != Model::Gaussian && similarity == SimilarityType::Ssd;
-      EXPECT_EQ(flat.optimisation.history, is_ssd_with_first_orders ? 12 : 6);
+      EXPECT_EQ(flat.optimisation.history, is_ssd_with_first_orders ? 20 : 6);
       EXPECT_EQ(deep.optimisation.history, 6);
       EXPECT_EQ(flat.momenta.narrow_width_shear, 0);
       const bool asks = model == Model::Auto && similarity == SimilarityType::Lncc;
