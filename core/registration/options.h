@@ -56,7 +56,7 @@ struct RegistrationOptions {
                             ///< where accurate takes voxels of up to 1.5 mm; -2: the next coarser
     double regularisation = 0.01;  ///< weight of 1/2 ||v_0||^2, per mm^2; 0: by similarity, and with ssd
                                    ///< less in 3-D, as measured (core/README.md, "Regularisation")
-    /// That, once first orders take part; 0: no other, but three times as much for auto with lncc where the preset is
+    /// That, once first orders take part; 0: no other, but ten times as much for auto with lncc where the preset is
     /// not fast, as measured (core/README.md, "Regularisation").
     double regularisation_beside_first = 0;
     int first_order_scales = 0;                ///< number of order-1 scales; 0 leaves order 1 out
@@ -129,7 +129,7 @@ struct RegistrationOptions {
     /// A round without first orders ends when the square of the residual is at most this share of what the images'
     /// noise alone makes of it; 0: does not.
     double noise_tolerance = 0;
-    int history = 6;  ///< pairs kept by L-BFGS; 0: 20 in 2-D, 6 in 3-D, as measured (core/README.md, "Stopping")
+    int history = 6;  ///< pairs kept by L-BFGS; 0: 20 in 2-D, 6 in 3-D, as measured (core/README.md, "Pairs of L-BFGS")
   } optimisation;
 
   int threads = 0;  ///< 0: all that the process may use
