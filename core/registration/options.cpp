@@ -141,8 +141,8 @@ RegistrationOptions default_options(Model model, SimilarityType similarity, Pres
   }
   if (similarity == SimilarityType::Ssd && is_sliding) {
     o.flow.time_steps = preset == Preset::Accurate ? 2 : 1;
-    // Where coarser levels tell how many steps of the map a motion needs, two are enough on the finest
-    // (core/README.md, "Time steps").
+    // Where a level tells the next one how many steps of the map its motion needs, two are enough to begin with and
+    // on the finest (core/README.md, "Time steps").
     o.flow.map_steps = preset == Preset::Balanced && model != Model::Auto ? 3 : 2;
     o.optimisation.history = 0;
     const double balanced = model == Model::Auto ? 2.5e-2 : 2e-2;

@@ -45,9 +45,10 @@ struct RegistrationOptions {
                               ///< widths where they are better for model, similarity and noise (core/README.md)
     std::vector<KernelWidth> kernel_widths;  ///< kernel of the scales that have order 0 as a sum of widths; empty:
                                              ///< width_voxels, and where that is 0 what it stands for
-    /// The finest scale that has order 0 counts all widths of kernel_widths but the widest a tenth if the velocity of
-    /// the next coarser level is simple shear to less than this (simple_shear.h): they are for what is sharp; 0: never;
-    /// -1: what was measured (core/README.md, "Widths").
+    /// While order 0 is alone, its finest scale counts all widths of kernel_widths but the widest a fifth if the
+    /// velocity of the next coarser level is simple shear to less than this (simple_shear.h): they are for what is
+    /// sharp; 0: never; -1: what was measured, 0 where kernel_widths or width_voxels is given (core/README.md,
+    /// "Widths").
     double narrow_width_shear = 0;
     std::vector<KernelWidth> first_order_kernel_widths;  ///< of the scales of order 1 alone; empty: width_voxels
     int scales = 0;         ///< number of order-0 scales, each twice as wide as the next; 0: one a level

@@ -239,9 +239,9 @@ const std::vector<Parameter>& parameters() {
           [](O & o) -> auto& { return o.momenta.kernel_widths; }),
       real(
           "narrow_width_shear", "", -1, Lower::Inclusive, inf,
-          "the finest scale that has order 0 counts all widths of kernel_widths but the widest a tenth if the velocity "
-          "of the next coarser level is simple shear to less than this; 0: never, -1 (and nothing else below 0): by "
-          "similarity and dimension",
+          "while order 0 is alone, its finest scale counts all widths of kernel_widths but the widest a fifth if the "
+          "velocity of the next coarser level is simple shear to less than this; 0: never, -1 (and nothing else below "
+          "0): by similarity and dimension, 0 where kernel_widths or width_voxels is given",
           [](O & o) -> auto& { return o.momenta.narrow_width_shear; }),
       kernel_widths(
           "first_order_kernel_widths", "voxels of the scale",

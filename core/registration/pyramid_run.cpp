@@ -94,6 +94,14 @@ bool PyramidRun<Dim>::has_found() const {
          (summary_.levels.back().active_block_share > 0 || summary_.levels.back().oriented_elements > 0);
 }
 
+/// Whether the level, which has not begun, is to begin with order 0 alone and then asks for first orders.
+template <int Dim>
+bool PyramidRun<Dim>::decides_at(int level) const {
+  return has_first_at(level) && options_.momenta.first_order_shear > 0 &&
+         std::none_of(summary_.levels.begin(), summary_.levels.end(),
+                      [](const LevelSummary& before) { return before.decision == FirstOrderDecision::LetIn; });
+}
+
 /// Of a level that has not begun, in sites evaluated.
 template <int Dim>
 double PyramidRun<Dim>::planned_work(int level, bool lets_in) const {
@@ -145,9 +153,9 @@ void PyramidRun<Dim>::begin_level(std::size_t step) {
   level_.similarity_weight = pyramid_.similarity_weight(level);
   level_.map_steps = map_steps_;
   level_.shear_before = shear_before_;
-  if (shear_before_ > 0 && shear_before_ < options_.momenta.narrow_width_shear)
+  if (shear_before_ >= 0 && shear_before_ < options_.momenta.narrow_width_shear)
     level_.narrow_share = kNarrowShareOfSmooth;
-  shear_before_ = 0;
+  shear_before_ = -1;
   if (is_resumed_) level_ = reached_.level;
   if (level_.narrow_share < 1 || (is_resumed_ && narrow_share() < 1))
     scales_ = make_scales<Dim, Scalar>(pyramid_.fixed_lattice(), options_, directions_, narrow_share());
@@ -156,9 +164,7 @@ void PyramidRun<Dim>::begin_level(std::size_t step) {
   level_cpu_seconds_before_ = level_.cpu_seconds;
 
   has_first_ = has_first_at(level);
-  decides_ = has_first_ && options_.momenta.first_order_shear > 0 &&
-             std::none_of(summary_.levels.begin(), summary_.levels.end(),
-                          [&](const LevelSummary& before) { return before.decision == FirstOrderDecision::LetIn; });
+  decides_ = decides_at(level);
   rounds_ = sparsity_rounds(options_.momenta, has_first_, has_found());
   if (decides_ && !options_.momenta.first_order_waits)
     rounds_.insert(rounds_.begin(), {SparsityRound::Weights::Even, 1, false});
@@ -326,16 +332,14 @@ void PyramidRun<Dim>::end_level() {
   if (level_.termination != Termination::Stopped) ask_for_narrow_widths();
 }
 
-/// Where the next level has the finest scale of order 0: how sharp what this one has found is. Beside first orders
-/// narrow widths are always wanted.
+/// Where order 0 begins its finest scale on the next level, and alone: how sharp what this one has found is.
 template <int Dim>
 void PyramidRun<Dim>::ask_for_narrow_widths() {
   const RegistrationOptions::Momenta& momenta = options_.momenta;
-  const bool begins_next =
-      step_ + 1 < levels_.size() && levels_[step_] > momenta.finest_scale && levels_[step_ + 1] <= momenta.finest_scale;
-  if (momenta.narrow_width_shear == 0 || momenta.kernel_widths.size() < 2 || !begins_next || is_beside_first_ ||
-      has_found())
-    return;
+  if (momenta.narrow_width_shear == 0 || momenta.kernel_widths.size() < 2 || step_ + 1 == levels_.size()) return;
+  const int next = levels_[step_ + 1];
+  if (levels_[step_] <= momenta.finest_scale || next > momenta.finest_scale) return;
+  if (has_first_at(next) && !decides_at(next)) return;
   shear_before_ = simple_shear(objective_->flow_lattice(), objective_->starting_velocity(reached_.minimiser.x));
 }
 

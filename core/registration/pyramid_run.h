@@ -58,6 +58,7 @@ class PyramidRun {
   bool is_smooth(const SparsityRound& round) const;
   bool has_first_at(int level) const;
   bool has_found() const;
+  bool decides_at(int level) const;
   double planned_work(int level, bool lets_in) const;
   bool make_objective(const SparsityRound& round);
   void choose_map_steps();
@@ -90,11 +91,12 @@ class PyramidRun {
   std::uint64_t job_ = 0;
   Checkpoint reached_;  ///< where the run stands; what only a blob needs is filled in when one is made
   bool is_resumed_ = false;
-  bool is_beside_first_ = false;  ///< whether order 0 has the weight that it has beside first orders
+  bool is_beside_first_ =
+      false;  ///< whether order 0 has the weight, and all the widths, that it has beside first orders
   RegistrationSummary summary_;
 
-  int map_steps_ = 1;        ///< of the next level
-  double shear_before_ = 0;  ///< simple shear at the end of the level before, where narrow widths ask for it
+  int map_steps_ = 1;         ///< of the next level
+  double shear_before_ = -1;  ///< of the next level, see LevelSummary
 
   // Of the level at hand.
   std::size_t step_ = 0;

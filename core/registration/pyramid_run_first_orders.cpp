@@ -40,8 +40,8 @@ bool PyramidRun<Dim>::would_join() {
   return is_wanted;
 }
 
-/// From here on order 0 has the weight that it has beside first orders, and momenta that make the same velocity, but
-/// for what narrow widths add that had been left out.
+/// From here on order 0 has the weight that it has beside first orders, and momenta that make the same velocity. Where
+/// narrow widths counted less they are whole again, and what is smooth stays: kernels have unit mass.
 template <int Dim>
 void PyramidRun<Dim>::begin_beside_first_orders() {
   const double alone = options_.momenta.regularisation;

@@ -60,8 +60,8 @@ struct LevelSummary {
   double kept_out_share = 0;      ///< most of all blocks that momenta.most_active_share had no room for at a time
   FirstOrderDecision decision = FirstOrderDecision::None;
   double simple_shear = 0;    ///< of the velocity that it rests on, see simple_shear.h
-  double shear_before = 0;    ///< simple shear that the level before ended with; 0: narrow_width_shear did not ask
-  double narrow_share = 1;    ///< what narrow widths count in the order-0 scale that begins here
+  double shear_before = -1;   ///< simple shear that the level before ended with; -1: narrow_width_shear did not ask
+  double narrow_share = 1;    ///< what narrow widths count in the order-0 scale that begins here while it is alone
   int oriented_elements = 0;  ///< at the end: active oriented momenta
   int map_steps = 1;          ///< in each time step
   double map_error_mm = 0;    ///< at the end, of 99.9 % of the sites, see map_error; 0: nothing moved, or not asked

@@ -22,7 +22,7 @@ template <int Dim>
 inline constexpr int kElementSpacing = Dim == 3 ? 3 : 1;
 
 /// What narrow widths of order 0 count where narrow_width_shear finds nothing sharp.
-inline constexpr double kNarrowShareOfSmooth = 0.1;
+inline constexpr double kNarrowShareOfSmooth = 0.2;
 
 /// Lattice of pyramid level `level`: the reference spacing (the finest of the image) times 2^level, where the image is
 /// fine enough for it.

@@ -68,8 +68,8 @@ class BlobStore {
   /// Throws Refusal OFFSET_MISMATCH when the bytes to come do not begin where those that are safe end; STORAGE_FULL
   /// when the blob would not leave the disk its reserve; STORE_UNAVAILABLE.
   virtual std::unique_ptr<BlobUpload> begin(const UploadPlan& plan) = 0;
-  /// How many bytes of an upload are durable; 0 for one that nobody knows. Its time to expire begins anew: what the
-  /// caller is told must not be gone a moment later.
+  /// How many bytes of an upload are durable; 0 for one that nobody knows. Its time to expire begins anew, for as long
+  /// as this store lives: what the caller is told must not be gone a moment later.
   virtual std::int64_t committed(const UploadPlan& plan) = 0;
   /// Bytes of the plan's owner that wait to be continued, of other uploads than the plan's.
   virtual std::int64_t waiting_beside(const UploadPlan& plan) = 0;
@@ -89,7 +89,7 @@ class BlobStore {
     int count = 0;
     std::int64_t bytes = 0;
   };
-  /// Removes uploads that no stream has been at, and nobody has asked about, for `age`.
+  /// Removes uploads that no stream has been at, and nobody has asked this store about, for `age`.
   virtual Leftovers expire_uploads(std::chrono::milliseconds age) = 0;
   /// Uploads that are under way or wait to be continued.
   virtual int uploads_left() = 0;

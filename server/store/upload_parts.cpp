@@ -193,6 +193,8 @@ void UploadParts::sync(UploadPart& part, int descriptor) {
 }
 
 void UploadParts::learn_committed(UploadPart& part) {
+  // Whoever is told what is safe means to go on from there.
+  part.touched = clock_.wall();
   if (part.committed) return;
   const FileDescriptor descriptor(::open(part.file.c_str(), O_RDWR | O_CLOEXEC));
   struct stat status {};
@@ -238,8 +240,6 @@ std::int64_t UploadParts::committed(const UploadPlan& plan) {
   const std::lock_guard lock(part->mutex);
   if (part->is_gone) return 0;
   learn_committed(*part);
-  // Whoever is told what is safe means to go on from there.
-  part->touched = clock_.wall();
   return *part->committed;
 }
 

@@ -126,6 +126,7 @@ void Model::observe(KnownUpload& upload, const v1::QueryWriteStatusResponse& sai
                     std::to_string(said.committed_size()));
   if (said.committed_size() > size) throw Violation(who + " has more bytes than that");
   upload.committed = said.committed_size();
+  upload.collections = era.collections;  // what it is told now stays while this daemon lives
 }
 
 void Model::check_batches(const std::vector<v1::RegistrationJob>& listed) const {

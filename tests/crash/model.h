@@ -31,7 +31,7 @@ struct KnownJob {
 struct KnownUpload {
   std::string bytes, id;
   std::int64_t committed = 0;  ///< the daemon has said that so much is safe
-  int collections = 0;         ///< how often garbage had been collected when its last stream began
+  int collections = 0;         ///< how often garbage had been collected when the daemon last said so, or when it began
 };
 
 /// The daemon's clock and what goes with it, for all clients together.

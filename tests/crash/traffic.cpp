@@ -116,7 +116,6 @@ void Traffic::continue_upload(Connection& daemon) {
   KnownUpload& upload = model.pending[chosen];
   const auto status = daemon.upload_status(upload.bytes, upload.id);
   model.observe(upload, status);
-  upload.collections = Model::era.collections;
   const auto begin = static_cast<std::size_t>(status.committed_size());
   std::size_t end = upload.bytes.size();
   if (random_below(3) == 0) end = begin + static_cast<std::size_t>(random_below(static_cast<int>(end - begin) + 1));

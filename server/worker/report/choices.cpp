@@ -66,8 +66,15 @@ std::string measured_from(const std::string& name, const ReportInput<Dim>& input
   if (name == "most_active_share") return "from the model and the dimension; it bounds the memory that a job declares";
   if (name == "kernel_widths") return "from the model, the similarity and the noise on the finest level";
   if (name == "regularisation" || name == "first_order_shear" || name == "oblique_share" ||
-      name == "oriented_sparsity" || name == "narrow_width_shear" || name == "divergence_weight" || name == "history")
+      name == "oriented_sparsity" || name == "divergence_weight")
     return "from the similarity and the dimension, for which it was measured";
+  if (name == "history") return "from the dimension";
+  if (name == "narrow_width_shear") {
+    const RegistrationOptions::Momenta& asked = input.options->momenta;
+    return asked.kernel_widths.empty() && asked.width_voxels == 0
+               ? "from the similarity and the dimension, for which it was measured"
+               : "from the widths that were given, which count as they are";
+  }
   if (name == "regularisation_beside_first")
     return input.options->similarity == SimilarityType::Lncc
                ? "from the model and the similarity: what is sharp is left to first orders"
@@ -144,9 +151,9 @@ std::vector<Choice> choices(const ReportInput<Dim>& input) {
                      why, false});
   }
   for (const LevelSummary& level : summary.levels) {
-    if (level.shear_before == 0) continue;
+    if (level.shear_before < 0) continue;
     const bool is_sharp = level.narrow_share == 1;
-    found.push_back({"level " + std::to_string(level.level) + ": narrow widths of order 0",
+    found.push_back({"level " + std::to_string(level.level) + ": narrow widths of order 0, alone",
                      is_sharp ? "as in kernel_widths" : "count " + number(level.narrow_share) + " of that", "",
                      "the level before ended with a simple shear of " + number(level.shear_before) +
                          " (asked: " + number(input.result->options.momenta.narrow_width_shear) +

@@ -100,7 +100,7 @@ Json describe(const LevelSummary& level) {
     json["first_order_momenta"] = {{"let_in", level.decision == FirstOrderDecision::LetIn},
                                    {"simple_shear", level.simple_shear}};
   if (level.kept_out_share > 0) json["kept_out_block_share"] = level.kept_out_share;
-  if (level.shear_before > 0)
+  if (level.shear_before >= 0)
     json["narrow_widths"] = {{"share", level.narrow_share}, {"simple_shear_before", level.shear_before}};
   if (level.map_error_mm > 0) json["map_error_mm"] = level.map_error_mm;
   if (level.oblique_share > 0 || level.oriented_elements > 0)

@@ -268,7 +268,7 @@ TEST(AutoModel, CountsNarrowWidthsWhereSomethingIsSharp) {
     scene.noise = 0.01;
     if (kind == PhantomKind::Smooth) scene.displacement_mm = 4;
     const Phantom<3> phantom = make_phantom<3>(scene);
-    RegistrationOptions options = default_options(Model::Auto, SimilarityType::Lncc, Preset::Balanced);
+    const RegistrationOptions options = default_options(Model::Auto, SimilarityType::Lncc, Preset::Balanced);
     const LevelSummary finest = register_images<3>(pair_of(phantom), options).summary.levels.back();
     EXPECT_EQ(finest.narrow_share, kind == PhantomKind::Smooth ? kNarrowShareOfSmooth : 1) << finest.shear_before;
     EXPECT_EQ(finest.shear_before < 4.5, kind == PhantomKind::Smooth);
@@ -276,10 +276,29 @@ TEST(AutoModel, CountsNarrowWidthsWhereSomethingIsSharp) {
     const double found = outcome_of(phantom, options).error_mm;
     EXPECT_LT(found,
               outcome_of(phantom, default_options(Model::Sliding, SimilarityType::Lncc, Preset::Balanced)).error_mm);
-    options.momenta.narrow_width_shear = 0;
-    EXPECT_EQ(register_images<3>(pair_of(phantom), options).summary.levels.back().shear_before, 0);
-    EXPECT_LT(found, 0.95 * outcome_of(phantom, options).error_mm);
+    // Nobody asks where it is not wanted, nor where first orders are beside it from the start.
+    RegistrationOptions whole = options, beside = options;
+    whole.momenta.narrow_width_shear = 0;
+    beside.momenta.first_order_shear = 0;
+    for (const RegistrationOptions& other : {whole, beside}) {
+      const LevelSummary level = register_images<3>(pair_of(phantom), other).summary.levels.back();
+      EXPECT_EQ(level.shear_before, -1);
+      EXPECT_EQ(level.narrow_share, 1);
+    }
+    EXPECT_LT(found, 0.95 * outcome_of(phantom, whole).error_mm);
   }
+}
+
+// Where nothing has moved nothing is sharp.
+TEST(AutoModel, CountsNarrowWidthsLessWhereNothingMoves) {
+  PhantomOptions scene = default_phantom_options(PhantomKind::Smooth, 3);
+  scene.size = {64, 64, 64};
+  scene.displacement_mm = 4;
+  RegistrationOptions options = default_options(Model::Auto, SimilarityType::Lncc, Preset::Balanced);
+  options.optimisation.max_iterations = 0;
+  const LevelSummary finest = register_images<3>(pair_of(make_phantom<3>(scene)), options).summary.levels.back();
+  EXPECT_EQ(finest.shear_before, 0);
+  EXPECT_EQ(finest.narrow_share, kNarrowShareOfSmooth);
 }
 
 TEST(AutoModel, ChoosesWhatDependsOnSimilarityAndDimension) {
@@ -304,8 +323,20 @@ TEST(AutoModel, ChoosesWhatDependsOnSimilarityAndDimension) {
       const bool asks = model == Model::Auto && similarity == SimilarityType::Lncc;
       EXPECT_EQ(deep.momenta.narrow_width_shear, asks ? 4.5 : 0);
       EXPECT_EQ(resolved(deep, cube).momenta.narrow_width_shear, deep.momenta.narrow_width_shear);
-      options.momenta.kernel_widths = {{9, 1}, {4, 1}};  // what is given counts as it is
-      EXPECT_EQ(resolved(options, cube).momenta.narrow_width_shear, 0);
+      EXPECT_EQ(flat.flow.map_steps, model == Model::Sliding && similarity == SimilarityType::Ssd    ? 3
+                                     : model == Model::Gaussian && similarity == SimilarityType::Ssd ? 1
+                                                                                                     : 2);
+      RegistrationOptions given = options;  // what is given counts as it is
+      given.momenta.kernel_widths = {{9, 1}, {4, 1}};
+      EXPECT_EQ(resolved(given, cube).momenta.narrow_width_shear, 0);
+      given = options;
+      given.momenta.width_voxels = 8;
+      EXPECT_EQ(resolved(given, cube).momenta.narrow_width_shear, 0);
+      given = options;  // as measured, also where another value is the default
+      given.flow.divergence_weight = -1;
+      given.optimisation.history = 0;
+      EXPECT_EQ(resolved(given, cube).flow.divergence_weight, deep.flow.divergence_weight);
+      EXPECT_EQ(resolved(given, plane).optimisation.history, 20);
     }
 }
 

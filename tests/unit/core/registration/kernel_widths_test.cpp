@@ -106,7 +106,8 @@ TEST(KernelWidths, AreWholeBesideFirstOrders) {
     for (const auto* scale : run.scales())
       if (!scale->has_first_order() && scale->lattice().spacing[0] < 2 * (1 << run.options().flow.coarsening)) {
         ++zeroth;
-        EXPECT_DOUBLE_EQ(scale->options().kernel.components()[1].weight, shear == 0 ? 0.5 : 0.1 / 1.1);
+        EXPECT_DOUBLE_EQ(scale->options().kernel.components()[1].weight,
+                         shear == 0 ? 0.5 : kNarrowShareOfSmooth / (1 + kNarrowShareOfSmooth));
       }
     EXPECT_EQ(zeroth, 1);
   }

@@ -265,6 +265,9 @@ TEST_F(UploadPartsTest, WhoAsksHowFarAnUploadCameFindsThatMuchForAnotherDay) {
   EXPECT_EQ(committed(), 20);
   EXPECT_EQ(blobs->expire_uploads(24h).count, 0);
   clock.advance(24h);
+  EXPECT_EQ(reason_of([&] { begin(7); }), "OFFSET_MISMATCH");  // which says the same
+  EXPECT_EQ(blobs->expire_uploads(24h).count, 0);
+  clock.advance(24h);
   EXPECT_EQ(blobs->expire_uploads(24h).count, 1);
   EXPECT_EQ(committed(), 0);
 }

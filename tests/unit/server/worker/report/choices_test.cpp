@@ -167,7 +167,7 @@ TEST(Choices, TellWhetherFirstOrderMomentaWereLetInAndWhy) {
 
 TEST(Choices, TellWhatNarrowWidthsCountAndWhy) {
   ReportScene<2> scene(3);
-  const auto named = Field(&Choice::name, "level 1: narrow widths of order 0");
+  const auto named = Field(&Choice::name, "level 1: narrow widths of order 0, alone");
   EXPECT_THAT(choices(scene.report), Not(Contains(named)));  // nobody asked
   LevelSummary& level = scene.result.summary.levels[0];
   scene.result.options.momenta.narrow_width_shear = 4.5;
