@@ -33,7 +33,7 @@ IntensityWindow window_of(const Volume<Dim>& image);
 template <int Dim, class ColourAt>
 Raster paint(const SlicePlane<Dim>& plane, const ImageGrid<Dim>& grid, const ColourAt& colour_at) {
   Raster raster(plane.width, plane.height);
-#pragma omp parallel for schedule(static) num_threads(threads_worth(raster.pixels.size()))
+#pragma omp parallel for schedule(static) num_threads(threads_of_loop(raster.pixels.size()))
   for (int row = 0; row < plane.height; ++row)
     for (int column = 0; column < plane.width; ++column)
       raster.at(column, row) = colour_at(plane.index_at(column + 0.5, row + 0.5, grid), column, row);

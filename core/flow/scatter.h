@@ -150,7 +150,7 @@ void for_cells(const Points& points, const Lattice<Dim>& target, Visit&& visit) 
 template <int Channels, int Dim, class T, class Points, class Value, class Visit>
 void scatter(const Points& points, const Lattice<Dim>& target, Value&& value, T* to, Visit&& visit) {
   const int planes = target.size[Dim - 1], chunks = points.chunks();
-  const int parts = std::max(1, std::min(planes, threads_worth(points.most())));
+  const int parts = std::max(1, std::min(planes, threads_of_loop(points.most())));
   // The planes that a chunk reaches, first and last.
   std::vector<std::array<int, 2>> reach(static_cast<std::size_t>(chunks), {0, planes});
   if (parts > 1) {

@@ -81,7 +81,7 @@ void convolve_planes(const Lattice<3>& lattice, int channels, const AxisTaps<T>&
   };
   const bool is_far = planes * height * line * sizeof(T) > kFarBytes;
   // Few slabs cannot be shared out: then threads share each of them.
-  const auto threads = static_cast<std::size_t>(threads_worth(lattice.sites()));
+  const auto threads = static_cast<std::size_t>(threads_of_loop(lattice.sites()));
   const bool shares_slabs = (slabs + threads - 1) / threads * threads > slabs + slabs / 4;
   LineVector<T> shared(shares_slabs ? slab_size : 0);
 #pragma omp parallel num_threads(static_cast <int>(threads))

@@ -114,7 +114,7 @@ template <int Dim>
 void PyramidRun<Dim>::run() {
   bool is_stopped = false;
   for (std::size_t step = static_cast<std::size_t>(reached_.step); step < levels_.size() && !is_stopped; ++step) {
-    const ThreadCount threads(threads_worth(level_lattice(pyramid_.fixed_lattice(), levels_[step]).sites()));
+    const ThreadCount threads(threads_of_level(level_lattice(pyramid_.fixed_lattice(), levels_[step]).sites()));
     begin_level(step);
     run_rounds();
     end_level();

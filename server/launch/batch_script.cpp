@@ -1,6 +1,6 @@
 #include "server/launch/batch_script.h"
 
-#include "server/launch/thread_waiting.h"
+#include "server/launch/worker_environment.h"
 
 #include <stdexcept>
 
@@ -28,11 +28,9 @@ std::string script(const BatchSettings& settings, const BatchRequest& request) {
   if (!settings.shared_data.empty()) add("--blobs", settings.shared_data + "/blobs/sha256");
   words.insert(words.end(), request.worker_arguments.begin(), request.worker_arguments.end());
   // Slurm gives a task cores of its own: threads may wait awake.
-  std::string text =
-      "#!/bin/sh\n"
-      "export PATH=/usr/local/bin:/usr/bin:/bin\n"
-      "export OMP_WAIT_POLICY=PASSIVE GOMP_SPINCOUNT=" +
-      std::string(kBriefWait) + " OMP_NUM_THREADS=" + std::to_string(request.threads) + "\numask 077\nexec";
+  std::string text = "#!/bin/sh\nexport PATH=/usr/local/bin:/usr/bin:/bin";
+  for (const auto& [name, value] : worker_variables(request.threads, true)) text += " " + name + "=" + value;
+  text += "\numask 077\nexec";
   for (const std::string& word : words) text += " " + shell_quoted(word);
   if (request.input.empty()) return text + " < /dev/null\n";
   return text + " << '" + kEndOfInput + "'\n" + request.input + "\n" + kEndOfInput + "\n";

@@ -2,7 +2,7 @@
 
 #include "core/support/failpoint.h"
 #include "server/launch/process_identity.h"
-#include "server/launch/thread_waiting.h"
+#include "server/launch/worker_environment.h"
 #include "server/launch/worker_files.h"
 
 #include <fcntl.h>
@@ -16,6 +16,7 @@
 
 #include <algorithm>
 #include <cerrno>
+#include <cstdlib>
 #include <cstring>
 #include <set>
 #include <stdexcept>
@@ -93,12 +94,11 @@ class SpawnPlan {
 };
 
 std::vector<std::string> worker_environment(int threads, bool has_cores_alone, const fs::path& temporary_files) {
-  const std::vector<std::string> own{
-      "OMP_NUM_THREADS=" + std::to_string(threads),
-      "OMP_WAIT_POLICY=PASSIVE",
-      std::string("GOMP_SPINCOUNT=") + (has_cores_alone ? kBriefWait : "0"),
-      "TMPDIR=" + temporary_files.string(),
-  };
+  std::vector<std::string> own{"TMPDIR=" + temporary_files.string()};
+  for (const auto& [name, value] : worker_variables(threads, has_cores_alone)) {
+    const bool is_chosen = name == "GLIBC_TUNABLES" && std::getenv(name.c_str());  // by whoever started the daemon
+    if (!is_chosen) own.push_back(name + "=" + value);
+  }
   const auto is_own = [&own](std::string_view variable) {
     const auto name = variable.substr(0, variable.find('=') + 1);
     return std::any_of(own.begin(), own.end(), [name](const std::string& text) { return text.starts_with(name); });

@@ -1,7 +1,7 @@
 #include "server/launch/local_launcher.h"
 
 #include "server/launch/process_identity.h"
-#include "server/launch/thread_waiting.h"
+#include "server/launch/worker_environment.h"
 #include "tests/support/temporary_folder.h"
 
 #include <gmock/gmock.h>
@@ -218,6 +218,19 @@ TEST_F(LocalLauncherTest, ThreadsWaitAwakeOnlyWhereTheyHaveCoresOfTheirOwn) {
     EXPECT_EQ(exit_of(one).number, 0);
     EXPECT_EQ(content_of(folder / "turns"), std::string(expected) + "\n");
   }
+}
+
+TEST_F(LocalLauncherTest, MemoryComesInLargePagesUnlessTheDaemonWasToldOtherwise) {
+  use_script("echo $GLIBC_TUNABLES > $folder/tunables");
+  launcher->start({key, "t", 1});
+  EXPECT_EQ(exit_of(key).number, 0);
+  EXPECT_EQ(content_of(folder / "tunables"), std::string(kLargePages) + "\n");
+
+  setenv("GLIBC_TUNABLES", "glibc.malloc.hugetlb=0", 1);
+  launcher->start({{"job", 2}, "t", 1});
+  unsetenv("GLIBC_TUNABLES");
+  EXPECT_EQ(exit_of({"job", 2}).number, 0);
+  EXPECT_EQ(content_of(folder / "tunables"), "glibc.malloc.hugetlb=0\n");
 }
 
 TEST_F(LocalLauncherTest, AWorkerOutlivesTheLauncherAndIsAdoptedByTheNext) {

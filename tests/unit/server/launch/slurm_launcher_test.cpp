@@ -1,6 +1,7 @@
 // The launcher against a Slurm that the test plays: a queue in memory behind sbatch, squeue and scancel.
 #include "server/launch/slurm_launcher.h"
 
+#include "server/launch/worker_environment.h"
 #include "tests/support/server_fakes.h"
 #include "tests/support/temporary_folder.h"
 
@@ -627,11 +628,15 @@ TEST_F(SlurmLauncherTest, ItsNameInSlurmIsMadeOnce) {
   EXPECT_THROW(tag_of(file, "ffffffff"), std::runtime_error);
 }
 
-/// What a shell makes of the script: the words that the worker gets, one a line, and its standard input.
+/// What a shell makes of the script.
 class BatchScriptTest : public SlurmLauncherTest {
  protected:
+  /// The words that the worker gets, one a line, and its standard input.
   std::string words_seen(const BatchRequest& request) {
-    const auto worker = folder.write("a 'worker'; $(false)", "#!/bin/sh\nfor word; do echo \"<$word>\"; done\ncat\n");
+    return output_of(request, "#!/bin/sh\nfor word; do echo \"<$word>\"; done\ncat\n");
+  }
+  std::string output_of(const BatchRequest& request, const std::string& worker_script) {
+    const auto worker = folder.write("a 'worker'; $(false)", worker_script);
     std::filesystem::permissions(worker, std::filesystem::perms::owner_all);
     settings.batch.worker = worker.string();
     const Command command = submission(settings.batch, request);
@@ -654,6 +659,14 @@ TEST_F(BatchScriptTest, NoWordIsReadAsACommand) {
   EXPECT_FALSE(std::filesystem::exists(folder / "evil"));
   request.input = "END_OF_INPUT\ntouch evil";
   EXPECT_THROW(submission(settings.batch, request), std::logic_error);
+}
+
+TEST_F(BatchScriptTest, TheWorkerHasItsVariables) {
+  BatchRequest request;
+  request.threads = 3;
+  const std::string environment = output_of(request, "#!/bin/sh\nenv\n");
+  for (const auto& [name, value] : worker_variables(3, true))
+    EXPECT_THAT(environment, HasSubstr(name + "=" + value + "\n"));
 }
 
 TEST(RunCommand, GivesInputAndTakesOutputAndErrors) {
