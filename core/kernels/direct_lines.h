@@ -1,6 +1,7 @@
 #pragma once
 
 #include "core/kernels/mirrored_sums.h"
+#include "core/kernels/shifted_sums.h"
 #include "core/kernels/transpose.h"
 #include "core/support/line_vector.h"
 #include "core/support/registers.h"
@@ -71,9 +72,9 @@ struct Soon {
   const T *read = nullptr, *written = nullptr;
 };
 
-/// A row of taps applied along x, where the values that meet lie side by side: as many lines as a register has lanes
-/// are turned, so that each fills one lane of a column of registers, summed down that column, and turned back. Lines
-/// that are 0 are passed over. One group of them; `out` may be `in`.
+/// A row of taps applied along x, where the values that meet lie side by side: line by line where sum_shifted can; else
+/// as many lines as a register has lanes are turned, so that each fills one lane of a column of registers, summed down
+/// that column, and turned back. Lines that are 0 are passed over. One group of them; `out` may be `in`.
 template <class T>
 void convolve_line_group(const Lines& all, std::size_t group, const MirroredTaps<T>& taps, bool adds, const T* in,
                          T* out, const Soon<T>& soon, LineScratch<T>& scratch) {
@@ -89,6 +90,7 @@ void convolve_line_group(const Lines& all, std::size_t group, const MirroredTaps
     if (!adds) std::fill_n(to, some * length, T(0));
     return;
   }
+  if (can_shift(taps, channels)) return sum_shifted<T>(taps, {some, channels, length, from, to, adds});
   for (std::size_t i = 0; i < length; i += lanes) {
     const std::size_t width = at_most(lanes, length, i);
     if (some == lanes && width == lanes) {

@@ -93,6 +93,16 @@ TYPED_TEST(SeparableConvolution, EqualsTheSumForRowsThatMirrorThemselves) {
           expect_equal_to_brute_force<2, TypeParam>({50, 37}, 2, axis, radius, combine, shape);
 }
 
+// Lines that end anywhere in a register, also before the taps do.
+TYPED_TEST(SeparableConvolution, EqualsTheSumForLinesOfVectorsOfAnyLength) {
+  for (Combine combine : {Combine::Replace, Combine::Add})
+    for (int radius = 1; radius <= 12; ++radius)
+      for (int length = 1; length <= 40; length += length < 24 ? 1 : 8) {
+        expect_equal_to_brute_force<2, TypeParam>({length, 3}, 2, 0, radius, combine, Shape::Even);
+        expect_equal_to_brute_force<3, TypeParam>({length, 3, 2}, 3, 0, radius, combine, Shape::Even);
+      }
+}
+
 // What was in `out` must not matter, not even a NaN.
 TYPED_TEST(SeparableConvolution, ReplacesWhateverWasThere) {
   const Lattice<2> lattice{{70, 3}, {1, 1}, {}};
