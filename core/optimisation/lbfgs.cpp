@@ -335,6 +335,7 @@ MinimiseSummary minimise(Objective<T>& objective, const MinimiseOptions& options
     return revision;
   };
 
+  if (options.history < 1) throw std::logic_error("L-BFGS keeps at least one pair");
   if (!state.has_begun()) {
     objective.look_everywhere(true);
     state.gradient.resize(objective.size());

@@ -20,7 +20,7 @@ struct MinimiseOptions {
   /// run began (Objective::noise_gradient): what still pulls is then mostly noise. 0: does not. Not where there is more
   /// outside the working set (std::logic_error).
   double noise_tolerance = 0;
-  int history = 6;
+  int history = 6;  ///< pairs kept, at least 1 (std::logic_error)
   int max_line_search = 20;
 };
 

@@ -144,7 +144,6 @@ RegistrationOptions default_options(Model model, SimilarityType similarity, Pres
     // Where a level tells the next one how many steps of the map its motion needs, two are enough to begin with and
     // on the finest (core/README.md, "Time steps").
     o.flow.map_steps = preset == Preset::Balanced && model != Model::Auto ? 3 : 2;
-    o.optimisation.history = 0;
     const double balanced = model == Model::Auto ? 2.5e-2 : 2e-2;
     o.optimisation.tolerance = preset == Preset::Fast ? 5e-2 : preset == Preset::Balanced ? balanced : 5e-3;
     o.momenta.full_contrast = 0.04;

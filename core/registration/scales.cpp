@@ -53,6 +53,13 @@ double lncc_sparsity(int dimension, Preset preset) {
   return dimension == 2 ? 0.1 : 0.025;
 }
 
+/// Pairs that L-BFGS keeps; measured, core/README.md, "Pairs of L-BFGS".
+int usual_history(int dimension, Model model, SimilarityType similarity) {
+  if (dimension == 3) return 3;
+  const bool is_sliding = model == Model::Sliding || model == Model::Auto;
+  return is_sliding && similarity == SimilarityType::Ssd ? 20 : 6;
+}
+
 /// Elements of a kernel that is narrow along the normal leave nothing beside an interface that order 0 would have to
 /// take back, and cost less, and such elements do along the axes as well. Measured with `balanced` where 3-D images end
 /// at half of their resolution, core/README.md, "Slip at any orientation".
@@ -127,7 +134,7 @@ RegistrationOptions resolved(const RegistrationOptions& options, const Lattice<D
     const bool may_be_left_out = o.momenta.first_order_scales > 0 && o.momenta.sparsity > 0;
     o.momenta.first_order_shear = may_be_left_out ? least_shear(Dim, o.similarity) : 0;
   }
-  if (o.optimisation.history == 0) o.optimisation.history = Dim == 2 ? 20 : 6;
+  if (o.optimisation.history == 0) o.optimisation.history = usual_history(Dim, o.model, o.similarity);
   if (o.flow.divergence_weight < 0)
     o.flow.divergence_weight = o.similarity == SimilarityType::Lncc
                                    ? (Dim == 2 ? 1 : 0.6)

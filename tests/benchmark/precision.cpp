@@ -61,7 +61,6 @@ Outcome run(const Pair<Dim>& pair, const RegistrationOptions& options) {
   MinimiseOptions how;
   how.max_iterations = options.optimisation.max_iterations;
   how.tolerance = 0;
-  how.history = options.optimisation.history;
   outcome.end_value = minimise<T>(objective, how, x, [](const MinimiseStep&) { return true; }).energy_after;
   BackwardMap<Dim, T> map(level.lattice, level.lattice, options.flow.time_steps);
   const Field<T>& displacement = map.follow(objective.velocities(x));

@@ -68,7 +68,7 @@ std::string measured_from(const std::string& name, const ReportInput<Dim>& input
   if (name == "regularisation" || name == "first_order_shear" || name == "oblique_share" ||
       name == "oriented_sparsity" || name == "divergence_weight")
     return "from the similarity and the dimension, for which it was measured";
-  if (name == "history") return "from the dimension";
+  if (name == "history") return "from the dimension, the similarity and the model";
   if (name == "narrow_width_shear") {
     const RegistrationOptions::Momenta& asked = input.options->momenta;
     return asked.kernel_widths.empty() && asked.width_voxels == 0

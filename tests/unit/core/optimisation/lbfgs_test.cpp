@@ -230,6 +230,17 @@ TEST(Minimise, LeavesZeroAloneWhenTheWeightHoldsEveryGroup) {
   EXPECT_EQ(summary.evaluations, 1);
 }
 
+TEST(Minimise, RefusesToKeepNoPair) {
+  Function<double> objective(1, [](const std::vector<double>& x, std::vector<double>& gradient) {
+    gradient[0] = x[0];
+    return 0.5 * x[0] * x[0];
+  });
+  MinimiseOptions options;
+  options.history = 0;
+  std::vector<double> x(1, 1.0);
+  EXPECT_THROW(minimise<double>(objective, options, x, [](const MinimiseStep&) { return true; }), std::logic_error);
+}
+
 // What a look at the noise forgets would be what wants to join.
 TEST(Minimise, RefusesToLookAtTheNoiseWhereThereIsMoreToJoin) {
   class Growing final : public Function<double> {
