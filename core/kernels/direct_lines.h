@@ -74,7 +74,8 @@ struct Soon {
 
 /// A row of taps applied along x, where the values that meet lie side by side: line by line where sum_shifted can; else
 /// as many lines as a register has lanes are turned, so that each fills one lane of a column of registers, summed down
-/// that column, and turned back. Lines that are 0 are passed over. One group of them; `out` may be `in`.
+/// that column, and turned back, while what comes `soon` is fetched, which gains nothing line by line. Lines that are 0
+/// are passed over. One group of them; `out` may be `in`.
 template <class T>
 void convolve_line_group(const Lines& all, std::size_t group, const MirroredTaps<T>& taps, bool adds, const T* in,
                          T* out, const Soon<T>& soon, LineScratch<T>& scratch) {

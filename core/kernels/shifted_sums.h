@@ -18,7 +18,7 @@ struct LinesToSum {
   bool adds;  ///< to what is in `out`
 };
 
-/// Most sides that sums of shifted lines are compiled for: what they keep does not leave the registers.
+/// Most sides that sums of shifted lines are compiled for: what they keep finds room in the registers.
 constexpr int kMostShiftedSides = kRegisterBytes == 64 ? 10 : 7;
 
 /// Whether sum_shifted can do it; else lines are turned, so that what meets lies in one lane (direct_lines.h).
@@ -68,7 +68,7 @@ void sum_shifted_of(const MirroredTaps<T>& taps, const LinesToSum<T>& all) {
 
 /// A row of taps applied along lines of values. The registers that a sum needs are kept, and what lies between two of
 /// them is shifted out: no value is read twice, and none is written before it has been read. Sums are made in the order
-/// of sum_mirrored.
+/// of sum_mirrored, but a compiler may join other products with additions.
 template <class T>
 void sum_shifted(const MirroredTaps<T>& taps, const LinesToSum<T>& all) {
   unrolled<kMostShiftedSides>([&](auto i) {

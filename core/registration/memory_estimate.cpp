@@ -137,7 +137,7 @@ std::size_t memory_estimate(const ImageGrid<Dim>& fixed, const ImageGrid<Dim>& m
     if (Dim == 3) {
       const Lattice<Dim> largest = level_lattice(image, m.finest_scale + (smooth ? coarsening : 0));
       const double plane = static_cast<double>(largest.sites()) / largest.size[Dim - 1] * vector;
-      const int threads = options.threads > 0 ? options.threads : threads_of_level(largest.sites());
+      const int threads = options.threads > 0 ? options.threads : threads_of_loop(largest.sites());
       bytes += threads * std::max(plane, 512.0 * 1024);
     }
     // L-BFGS, see MinimiserState: one of its vectors makes room for one on its way while momenta join, and a checkpoint

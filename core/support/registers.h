@@ -100,7 +100,7 @@ template <int By, class T, int... Lane>
 /// Of the lanes of both, one after the other, those from `By` on.
 template <int By, class T>
 [[gnu::always_inline]] inline Register<T> shifted(const Register<T>& low, const Register<T>& high) {
-  if constexpr (By == 0) return low;
+  static_assert(0 <= By && By < static_cast<int>(kRegisterLanes<T>));
 #if defined(__AVX512F__) && defined(__has_builtin) && __has_builtin(__builtin_ia32_alignd512_mask)
   // The compiler would take an instruction for any order of lanes, which is slower and needs that order in a register.
   typedef int Words __attribute__((vector_size(64)));

@@ -95,10 +95,8 @@ class SpawnPlan {
 
 std::vector<std::string> worker_environment(int threads, bool has_cores_alone, const fs::path& temporary_files) {
   std::vector<std::string> own{"TMPDIR=" + temporary_files.string()};
-  for (const auto& [name, value] : worker_variables(threads, has_cores_alone)) {
-    const bool is_chosen = name == "GLIBC_TUNABLES" && std::getenv(name.c_str());  // by whoever started the daemon
-    if (!is_chosen) own.push_back(name + "=" + value);
-  }
+  for (const auto& [name, value] : worker_variables(threads, has_cores_alone, std::getenv("GLIBC_TUNABLES")))
+    own.push_back(name + "=" + value);
   const auto is_own = [&own](std::string_view variable) {
     const auto name = variable.substr(0, variable.find('=') + 1);
     return std::any_of(own.begin(), own.end(), [name](const std::string& text) { return text.starts_with(name); });

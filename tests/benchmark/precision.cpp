@@ -60,6 +60,7 @@ Outcome run(const Pair<Dim>& pair, const RegistrationOptions& options) {
   std::fill(x.begin(), x.end(), T(0));
   MinimiseOptions how;
   how.max_iterations = options.optimisation.max_iterations;
+  how.history = resolved(options, level.lattice).optimisation.history;
   how.tolerance = 0;
   outcome.end_value = minimise<T>(objective, how, x, [](const MinimiseStep&) { return true; }).energy_after;
   BackwardMap<Dim, T> map(level.lattice, level.lattice, options.flow.time_steps);

@@ -301,103 +301,6 @@ TEST(AutoModel, CountsNarrowWidthsLessWhereNothingMoves) {
   EXPECT_EQ(finest.narrow_share, kNarrowShareOfSmooth);
 }
 
-TEST(AutoModel, ChoosesWhatDependsOnSimilarityAndDimension) {
-  const Lattice<2> plane{{128, 128}, {1, 1}, {}};
-  const Lattice<3> cube{{128, 128, 128}, {1, 1, 1}, {}};
-  for (Model model : {Model::Auto, Model::Sliding, Model::Gaussian})
-    for (SimilarityType similarity : {SimilarityType::Ssd, SimilarityType::Ncc, SimilarityType::Lncc}) {
-      SCOPED_TRACE(to_string(model) + " " + to_string(similarity));
-      RegistrationOptions options = default_options(model, similarity, Preset::Balanced);
-      const RegistrationOptions flat = resolved(options, plane), deep = resolved(options, cube);
-      if (similarity == SimilarityType::Lncc) {
-        EXPECT_EQ(flat.flow.divergence_weight, 1);
-        EXPECT_EQ(deep.flow.divergence_weight, 0.6);
-      } else {
-        EXPECT_EQ(flat.flow.divergence_weight, options.flow.divergence_weight);
-        EXPECT_EQ(deep.flow.divergence_weight, options.flow.divergence_weight);
-      }
-      const bool is_ssd_with_first_orders = model != Model::Gaussian && similarity == SimilarityType::Ssd;
-      EXPECT_EQ(flat.optimisation.history, is_ssd_with_first_orders ? 20 : 6);
-      EXPECT_EQ(deep.optimisation.history, 3);
-      EXPECT_EQ(flat.momenta.narrow_width_shear, 0);
-      const bool asks = model == Model::Auto && similarity == SimilarityType::Lncc;
-      EXPECT_EQ(deep.momenta.narrow_width_shear, asks ? 4.5 : 0);
-      EXPECT_EQ(resolved(deep, cube).momenta.narrow_width_shear, deep.momenta.narrow_width_shear);
-      EXPECT_EQ(flat.flow.map_steps, model == Model::Sliding && similarity == SimilarityType::Ssd    ? 3
-                                     : model == Model::Gaussian && similarity == SimilarityType::Ssd ? 1
-                                                                                                     : 2);
-      RegistrationOptions given = options;  // what is given counts as it is
-      given.momenta.kernel_widths = {{9, 1}, {4, 1}};
-      EXPECT_EQ(resolved(given, cube).momenta.narrow_width_shear, 0);
-      given = options;
-      given.momenta.width_voxels = 8;
-      EXPECT_EQ(resolved(given, cube).momenta.narrow_width_shear, 0);
-      given = options;  // as measured, also where another value is the default
-      given.flow.divergence_weight = -1;
-      EXPECT_EQ(resolved(given, cube).flow.divergence_weight, deep.flow.divergence_weight);
-      given.optimisation.history = 7;
-      EXPECT_EQ(resolved(given, cube).optimisation.history, 7);
-    }
-}
-
-TEST(AutoModel, ChoosesItsElementsBySimilarityDimensionAndContrast) {
-  const Lattice<2> plane{{128, 128}, {1, 1}, {}};
-  const Lattice<3> cube{{128, 128, 128}, {1, 1, 1}, {}};
-  for (SimilarityType similarity : {SimilarityType::Ssd, SimilarityType::Ncc, SimilarityType::Lncc}) {
-    SCOPED_TRACE(to_string(similarity));
-    const RegistrationOptions options = default_options(Model::Auto, similarity, Preset::Balanced);
-    const auto flat = resolved(options, plane).momenta, deep = resolved(options, cube).momenta;
-    EXPECT_EQ(std::make_tuple(flat.oblique_share, flat.oriented_alone, flat.oriented_sparsity, flat.oriented_width),
-              std::make_tuple(0.7, 1, 0.4, 1.0));
-    const bool is_narrow = similarity != SimilarityType::Ssd;
-    EXPECT_EQ(std::make_tuple(deep.oblique_share, deep.oriented_alone, deep.oriented_sparsity, deep.oriented_width),
-              is_narrow ? std::make_tuple(0.0, 2, 0.5, 0.5) : std::make_tuple(0.7, 1, 0.4, 1.0));
-  }
-  // With ssd the width goes with the contrast, down to its least; what is given stays.
-  RegistrationOptions options = default_options(Model::Auto, SimilarityType::Ssd, Preset::Balanced);
-  const auto width_at = [&](double share) {
-    return resolved(options, plane, {0, share * options.momenta.full_contrast}).momenta.oriented_width;
-  };
-  EXPECT_EQ(width_at(1.5), 1);
-  EXPECT_NEAR(width_at(0.6), 0.6, 1e-3);
-  EXPECT_EQ(width_at(0.01), 0.35);
-  options.momenta.oriented_width = 0.8;
-  EXPECT_EQ(width_at(0.01), 0.8);
-}
-
-// Elements are where a round before shows an interface: one that nothing comes before would have none.
-TEST(AutoModel, RefusesElementsAloneThatNothingComesBefore) {
-  RegistrationOptions options = default_options(Model::Sliding, SimilarityType::Ssd, Preset::Balanced);
-  options.momenta.orientations = 9;
-  options.momenta.oriented_alone = 2;
-  EXPECT_TRUE(problems(options).empty());
-  options.momenta.reweighted_rounds = 0;
-  EXPECT_THAT(problems(options), ::testing::ElementsAre(::testing::HasSubstr("oriented_alone is 2")));
-  options.momenta.first_order_waits = true;
-  EXPECT_TRUE(problems(options).empty());
-}
-
-TEST(AutoModel, RefusesWhatIsBelowNothingButStandsForNoMeasure) {
-  RegistrationOptions options = default_options(Model::Auto, SimilarityType::Lncc, Preset::Balanced);
-  options.momenta.oblique_share = -0.5;
-  options.momenta.narrow_width_shear = -0.25;
-  options.flow.divergence_weight = -0.75;
-  EXPECT_THAT(problems(options), ::testing::ElementsAre(::testing::HasSubstr("oblique_share is -0.5"),
-                                                        ::testing::HasSubstr("narrow_width_shear is -0.25"),
-                                                        ::testing::HasSubstr("divergence_weight is -0.75")));
-}
-
-TEST(AutoModel, HasOrientedMomentaOnlyWhereTheyAreCarried) {
-  RegistrationOptions options = default_options(Model::Auto, SimilarityType::Ssd, Preset::Balanced);
-  const Lattice<2> plane{{128, 128}, {1, 1}, {}};
-  const Lattice<3> cube{{128, 128, 128}, {1, 1, 1}, {}};
-  EXPECT_EQ(resolved(options, plane).momenta.orientations, 8);
-  EXPECT_EQ(resolved(options, cube).momenta.orientations, 9);
-  options.flow.evolution = Evolution::Exact;
-  EXPECT_TRUE(problems(options).empty());
-  EXPECT_EQ(resolved(options, plane).momenta.orientations, 0);
-}
-
 // Blocks may have been asked for on the coarser level without one joining: the finer one begins with order 0 alone.
 TEST(AutoModel, BeginsSmoothAgainWhereNoBlockHasJoined) {
   RegistrationOptions options = default_options(Model::Sliding, SimilarityType::Lncc, Preset::Balanced);
@@ -470,34 +373,6 @@ TEST(AutoModel, DoesNotAskWhereFirstOrdersAlwaysTakePart) {
   EXPECT_THAT(problems(options), ::testing::ElementsAre(::testing::HasSubstr("first_order_scales is 0")));
 }
 
-TEST(AutoModel, RefusesASimpleShearBelowNoneAtAll) {
-  RegistrationOptions options = default_options(Model::Auto, SimilarityType::Ssd, Preset::Balanced);
-  options.momenta.first_order_shear = -0.5;
-  EXPECT_THAT(problems(options), ::testing::ElementsAre(::testing::HasSubstr("first_order_shear is -0.5")));
-  options = default_options(Model::Auto, SimilarityType::Ssd, Preset::Balanced);
-  options.momenta.first_order_scales = options.momenta.orientations = 0;  // nothing that could be left out
-  EXPECT_TRUE(problems(resolved(options, Lattice<2>{{64, 64}, {1, 1}, {}})).empty());
-}
-
-// Order 0 alone is cheap where first orders are asked for first; nobody else goes on for longer (core/README.md,
-// "Stopping").
-TEST(AutoModel, SettlesOrderZeroForLonger) {
-  const auto look_tolerance = [](Model model, SimilarityType similarity) {
-    return default_options(model, similarity, Preset::Balanced).optimisation.look_tolerance;
-  };
-  for (SimilarityType similarity :
-       {SimilarityType::Ssd, SimilarityType::Ncc, SimilarityType::Lncc, SimilarityType::Ngf})
-    for (Preset preset : {Preset::Fast, Preset::Balanced}) {
-      const RegistrationOptions::Optimisation asked = default_options(Model::Auto, similarity, preset).optimisation;
-      EXPECT_GT(asked.look_tolerance, 0) << to_string(similarity);
-      EXPECT_LT(asked.look_tolerance, 0.7 * asked.tolerance) << to_string(similarity);
-    }
-  EXPECT_EQ(look_tolerance(Model::Auto, SimilarityType::Lncc), 0.015);
-  EXPECT_EQ(look_tolerance(Model::Auto, SimilarityType::Mi), 0);
-  EXPECT_EQ(look_tolerance(Model::Auto, SimilarityType::Mind), 0);
-  EXPECT_EQ(look_tolerance(Model::Sliding, SimilarityType::Lncc), 0);
-}
-
 // A far motion needs shorter steps than none; how short is known from the level before, also to a run that is taken up
 // again.
 TEST(AutoMapSteps, FollowTheMotion) {
@@ -544,62 +419,6 @@ TEST(AutoModel, StopsWhereverItIsTold) {
     EXPECT_EQ(found.summary.termination, Termination::Stopped) << last;
     EXPECT_EQ(calls, last);
   }
-}
-
-// The phantom's wheel is an angular ramp: a tenth of the gradient that textures have. What holds momenta back where
-// images show more would then hold back what is seen.
-TEST(LowContrast, IsFollowed) {
-  PhantomOptions scene = default_phantom_options(PhantomKind::Wheel);
-  scene.size = {128, 128, 1};
-  const Phantom<2> phantom = make_phantom<2>(scene);
-  RegistrationOptions options = default_options(Model::Auto, SimilarityType::Ssd, Preset::Balanced);
-  const Outcome followed = outcome_of(phantom, options);
-  options.momenta.full_contrast = 0;
-  const Outcome not_followed = outcome_of(phantom, options);
-  EXPECT_EQ(followed.decision, FirstOrderDecision::LetIn);
-  EXPECT_LT(followed.error_mm, 0.9 * not_followed.error_mm);
-}
-
-// On one level first orders are there from the start, and there is no other weight before.
-TEST(LowContrast, GivesOrder0ItsWeightBesideFirstOrdersFromWhereTheyAreThere) {
-  const RegistrationInput<2> input = pair_of(make_phantom<2>(default_phantom_options(PhantomKind::Slip)));
-  RegistrationOptions beside = default_options(Model::Sliding, SimilarityType::Ssd, Preset::Balanced);
-  beside.pyramid.levels = 1;
-  beside.optimisation.max_iterations = 5;
-  beside.threads = 1;
-  RegistrationOptions alone = beside;
-  beside.momenta.regularisation = 3e-5;
-  beside.momenta.regularisation_beside_first = 1e-5;
-  alone.momenta.regularisation = 1e-5;
-  const auto with = register_images<2>(input, beside), without = register_images<2>(input, alone);
-  EXPECT_EQ(with.displacement.samples, without.displacement.samples);
-  // Where they are left out, order 0 keeps its own.
-  for (RegistrationOptions* options : {&beside, &alone}) {
-    options->momenta.first_order_shear = 1e9;
-    options->momenta.regularisation = 3e-5;
-  }
-  EXPECT_EQ(register_images<2>(input, beside).displacement.samples,
-            register_images<2>(input, alone).displacement.samples);
-}
-
-// Where first orders begin on the second level, the motion found on the first goes on: of the energy that it begins
-// with only order 0's part follows the weight, and in proportion.
-TEST(LowContrast, KeepsTheMotionFoundBeforeOrder0GetsAnotherWeight) {
-  const RegistrationInput<2> input = pair_of(make_phantom<2>(default_phantom_options(PhantomKind::Slip)));
-  const auto energy_at_the_start = [&](double beside) {
-    RegistrationOptions options = default_options(Model::Sliding, SimilarityType::Ssd, Preset::Balanced);
-    options.pyramid.levels = 2;
-    options.momenta.first_order_scales = 1;
-    options.momenta.regularisation = 1e-3;
-    options.momenta.regularisation_beside_first = beside;
-    options.optimisation.max_iterations = 8;
-    options.threads = 1;
-    return register_images<2>(input, options).summary.levels.at(1).energy_before;
-  };
-  const double whole = energy_at_the_start(1e-3), half = energy_at_the_start(5e-4),
-               quarter = energy_at_the_start(2.5e-4);
-  ASSERT_GT(whole - half, 1e-3 * whole);
-  EXPECT_NEAR((whole - half) / (half - quarter), 2, 0.01);
 }
 
 }  // namespace

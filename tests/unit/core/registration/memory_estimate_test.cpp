@@ -65,6 +65,11 @@ struct Case {
     options.threads = 1;
   }
 
+  /// As many iterations as L-BFGS has pairs, and some.
+  void fill_pairs() {
+    options.optimisation.max_iterations = resolved(options, lattice_of(input.fixed.grid)).optimisation.history + 5;
+  }
+
   /// All that may be given.
   void add_masks() {
     input.fixed_mask = Volume<3>(input.fixed.grid, 1.0f);
@@ -131,7 +136,7 @@ TEST(MemoryEstimate, IsABoundWithManyOrientedMomenta) {
   one.options.momenta.oriented_alone = 0;
   one.options.momenta.sparsity = 1e-3;
   one.options.momenta.most_active_share = 1;
-  one.options.optimisation.max_iterations = one.options.optimisation.history + 2;
+  one.fill_pairs();
   LevelSummary finest;
   const double used = one.used_mib(&finest);
   EXPECT_GT(finest.active_block_share, 0.9);
@@ -145,7 +150,7 @@ TEST(MemoryEstimate, IsABoundWhereElementsAreAlone) {
   Case one(Model::Auto, SimilarityType::Lncc);
   one.options.momenta.first_order_shear = 1e-9;
   one.options.momenta.sparsity = 1e-3;
-  one.options.optimisation.max_iterations = one.options.optimisation.history + 2;
+  one.fill_pairs();
   Case beside = one;
   beside.options.momenta.oriented_alone = 1;
   LevelSummary finest;
@@ -166,7 +171,7 @@ TEST(MemoryEstimate, IsABoundWhereElementsAreAlone) {
 TEST(MemoryEstimate, IsABoundWhereFewMayBeActive) {
   Case all(Model::Sliding);
   all.options.momenta.sparsity = 1e-3;
-  all.options.optimisation.max_iterations = all.options.optimisation.history + 2;
+  all.fill_pairs();
   all.options.optimisation.tolerance = all.options.optimisation.optimality_tolerance = 0;
   Case few = all;
   few.options.momenta.most_active_share = 1.0 / 3;
@@ -186,7 +191,7 @@ TEST(MemoryEstimate, IsNoneTooLargeWhereEverythingIsInUse) {
   for (Model model : {Model::Gaussian, Model::Wendland, Model::Wendland1, Model::Sliding}) {
     Case one(model);
     one.options.momenta.sparsity = 0;
-    one.options.optimisation.max_iterations = one.options.optimisation.history + 2;
+    one.fill_pairs();
     one.options.optimisation.tolerance = one.options.optimisation.optimality_tolerance = 0;
     const double used = one.used_mib(), declared = one.declared_mib();
     EXPECT_LE(used, declared) << to_string(model);

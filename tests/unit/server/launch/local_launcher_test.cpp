@@ -221,16 +221,22 @@ TEST_F(LocalLauncherTest, ThreadsWaitAwakeOnlyWhereTheyHaveCoresOfTheirOwn) {
 }
 
 TEST_F(LocalLauncherTest, MemoryComesInLargePagesUnlessTheDaemonWasToldOtherwise) {
+  const char* inherited = std::getenv("GLIBC_TUNABLES");
+  const std::string before = inherited ? inherited : "";
   use_script("echo $GLIBC_TUNABLES > $folder/tunables");
-  launcher->start({key, "t", 1});
-  EXPECT_EQ(exit_of(key).number, 0);
-  EXPECT_EQ(content_of(folder / "tunables"), std::string(kLargePages) + "\n");
-
-  setenv("GLIBC_TUNABLES", "glibc.malloc.hugetlb=0", 1);
-  launcher->start({{"job", 2}, "t", 1});
-  unsetenv("GLIBC_TUNABLES");
-  EXPECT_EQ(exit_of({"job", 2}).number, 0);
-  EXPECT_EQ(content_of(folder / "tunables"), "glibc.malloc.hugetlb=0\n");
+  int attempt = 0;
+  for (const auto& [given, expected] : {std::pair(std::string(), std::string(kLargePages)),
+                                        {"glibc.malloc.check=1", "glibc.malloc.check=1:" + std::string(kLargePages)},
+                                        {"glibc.malloc.hugetlb=0", "glibc.malloc.hugetlb=0"}}) {
+    SCOPED_TRACE(given);
+    const AttemptKey one{"job", ++attempt};
+    setenv("GLIBC_TUNABLES", given.c_str(), 1);
+    EXPECT_NO_THROW(launcher->start({one, "t", 1}));
+    setenv("GLIBC_TUNABLES", before.c_str(), 1);
+    EXPECT_EQ(exit_of(one).number, 0);
+    EXPECT_EQ(content_of(folder / "tunables"), expected + "\n");
+  }
+  if (!inherited) unsetenv("GLIBC_TUNABLES");
 }
 
 TEST_F(LocalLauncherTest, AWorkerOutlivesTheLauncherAndIsAdoptedByTheNext) {

@@ -1,0 +1,139 @@
+// What `auto` and others choose before they have seen an image, and what they refuse.
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <tuple>
+
+#include "core/registration/register_images.h"
+#include "core/registration/scales.h"
+
+namespace saltus {
+namespace {
+
+TEST(AutoChoices, ChoosesWhatDependsOnSimilarityAndDimension) {
+  const Lattice<2> plane{{128, 128}, {1, 1}, {}};
+  const Lattice<3> cube{{128, 128, 128}, {1, 1, 1}, {}};
+  for (Model model : {Model::Auto, Model::Sliding, Model::Gaussian, Model::Wendland1, Model::Directional})
+    for (SimilarityType similarity : {SimilarityType::Ssd, SimilarityType::Ncc, SimilarityType::Lncc}) {
+      SCOPED_TRACE(to_string(model) + " " + to_string(similarity));
+      RegistrationOptions options = default_options(model, similarity, Preset::Balanced);
+      const RegistrationOptions flat = resolved(options, plane), deep = resolved(options, cube);
+      if (similarity == SimilarityType::Lncc) {
+        EXPECT_EQ(flat.flow.divergence_weight, 1);
+        EXPECT_EQ(deep.flow.divergence_weight, 0.6);
+      } else {
+        EXPECT_EQ(flat.flow.divergence_weight, options.flow.divergence_weight);
+        EXPECT_EQ(deep.flow.divergence_weight, options.flow.divergence_weight);
+      }
+      const bool is_sliding = model == Model::Auto || model == Model::Sliding;
+      EXPECT_EQ(flat.optimisation.history, is_sliding && similarity == SimilarityType::Ssd ? 20 : 6);
+      EXPECT_EQ(deep.optimisation.history, 3);
+      EXPECT_EQ(flat.momenta.narrow_width_shear, 0);
+      const bool asks = model == Model::Auto && similarity == SimilarityType::Lncc;
+      EXPECT_EQ(deep.momenta.narrow_width_shear, asks ? 4.5 : 0);
+      EXPECT_EQ(resolved(deep, cube).momenta.narrow_width_shear, deep.momenta.narrow_width_shear);
+      EXPECT_EQ(flat.flow.map_steps, model == Model::Sliding && similarity == SimilarityType::Ssd    ? 3
+                                     : model == Model::Gaussian && similarity == SimilarityType::Ssd ? 1
+                                                                                                     : 2);
+      RegistrationOptions given = options;  // what is given counts as it is
+      given.momenta.kernel_widths = {{9, 1}, {4, 1}};
+      EXPECT_EQ(resolved(given, cube).momenta.narrow_width_shear, 0);
+      given = options;
+      given.momenta.width_voxels = 8;
+      EXPECT_EQ(resolved(given, cube).momenta.narrow_width_shear, 0);
+      given = options;  // as measured, also where another value is the default
+      given.flow.divergence_weight = -1;
+      EXPECT_EQ(resolved(given, cube).flow.divergence_weight, deep.flow.divergence_weight);
+      given.optimisation.history = 7;
+      EXPECT_EQ(resolved(given, cube).optimisation.history, 7);
+    }
+}
+
+TEST(AutoChoices, ChoosesItsElementsBySimilarityDimensionAndContrast) {
+  const Lattice<2> plane{{128, 128}, {1, 1}, {}};
+  const Lattice<3> cube{{128, 128, 128}, {1, 1, 1}, {}};
+  for (SimilarityType similarity : {SimilarityType::Ssd, SimilarityType::Ncc, SimilarityType::Lncc}) {
+    SCOPED_TRACE(to_string(similarity));
+    const RegistrationOptions options = default_options(Model::Auto, similarity, Preset::Balanced);
+    const auto flat = resolved(options, plane).momenta, deep = resolved(options, cube).momenta;
+    EXPECT_EQ(std::make_tuple(flat.oblique_share, flat.oriented_alone, flat.oriented_sparsity, flat.oriented_width),
+              std::make_tuple(0.7, 1, 0.4, 1.0));
+    const bool is_narrow = similarity != SimilarityType::Ssd;
+    EXPECT_EQ(std::make_tuple(deep.oblique_share, deep.oriented_alone, deep.oriented_sparsity, deep.oriented_width),
+              is_narrow ? std::make_tuple(0.0, 2, 0.5, 0.5) : std::make_tuple(0.7, 1, 0.4, 1.0));
+  }
+  // With ssd the width goes with the contrast, down to its least; what is given stays.
+  RegistrationOptions options = default_options(Model::Auto, SimilarityType::Ssd, Preset::Balanced);
+  const auto width_at = [&](double share) {
+    return resolved(options, plane, {0, share * options.momenta.full_contrast}).momenta.oriented_width;
+  };
+  EXPECT_EQ(width_at(1.5), 1);
+  EXPECT_NEAR(width_at(0.6), 0.6, 1e-3);
+  EXPECT_EQ(width_at(0.01), 0.35);
+  options.momenta.oriented_width = 0.8;
+  EXPECT_EQ(width_at(0.01), 0.8);
+}
+
+// Elements are where a round before shows an interface: one that nothing comes before would have none.
+TEST(AutoChoices, RefusesElementsAloneThatNothingComesBefore) {
+  RegistrationOptions options = default_options(Model::Sliding, SimilarityType::Ssd, Preset::Balanced);
+  options.momenta.orientations = 9;
+  options.momenta.oriented_alone = 2;
+  EXPECT_TRUE(problems(options).empty());
+  options.momenta.reweighted_rounds = 0;
+  EXPECT_THAT(problems(options), ::testing::ElementsAre(::testing::HasSubstr("oriented_alone is 2")));
+  options.momenta.first_order_waits = true;
+  EXPECT_TRUE(problems(options).empty());
+}
+
+TEST(AutoChoices, RefusesWhatIsBelowNothingButStandsForNoMeasure) {
+  RegistrationOptions options = default_options(Model::Auto, SimilarityType::Lncc, Preset::Balanced);
+  options.momenta.oblique_share = -0.5;
+  options.momenta.narrow_width_shear = -0.25;
+  options.flow.divergence_weight = -0.75;
+  EXPECT_THAT(problems(options), ::testing::ElementsAre(::testing::HasSubstr("oblique_share is -0.5"),
+                                                        ::testing::HasSubstr("narrow_width_shear is -0.25"),
+                                                        ::testing::HasSubstr("divergence_weight is -0.75")));
+}
+
+TEST(AutoChoices, HasOrientedMomentaOnlyWhereTheyAreCarried) {
+  RegistrationOptions options = default_options(Model::Auto, SimilarityType::Ssd, Preset::Balanced);
+  const Lattice<2> plane{{128, 128}, {1, 1}, {}};
+  const Lattice<3> cube{{128, 128, 128}, {1, 1, 1}, {}};
+  EXPECT_EQ(resolved(options, plane).momenta.orientations, 8);
+  EXPECT_EQ(resolved(options, cube).momenta.orientations, 9);
+  options.flow.evolution = Evolution::Exact;
+  EXPECT_TRUE(problems(options).empty());
+  EXPECT_EQ(resolved(options, plane).momenta.orientations, 0);
+}
+
+TEST(AutoChoices, RefusesASimpleShearBelowNoneAtAll) {
+  RegistrationOptions options = default_options(Model::Auto, SimilarityType::Ssd, Preset::Balanced);
+  options.momenta.first_order_shear = -0.5;
+  EXPECT_THAT(problems(options), ::testing::ElementsAre(::testing::HasSubstr("first_order_shear is -0.5")));
+  options = default_options(Model::Auto, SimilarityType::Ssd, Preset::Balanced);
+  options.momenta.first_order_scales = options.momenta.orientations = 0;  // nothing that could be left out
+  EXPECT_TRUE(problems(resolved(options, Lattice<2>{{64, 64}, {1, 1}, {}})).empty());
+}
+
+// Order 0 alone is cheap where first orders are asked for first; nobody else goes on for longer (core/README.md,
+// "Stopping").
+TEST(AutoChoices, SettlesOrderZeroForLonger) {
+  const auto look_tolerance = [](Model model, SimilarityType similarity) {
+    return default_options(model, similarity, Preset::Balanced).optimisation.look_tolerance;
+  };
+  for (SimilarityType similarity :
+       {SimilarityType::Ssd, SimilarityType::Ncc, SimilarityType::Lncc, SimilarityType::Ngf})
+    for (Preset preset : {Preset::Fast, Preset::Balanced}) {
+      const RegistrationOptions::Optimisation asked = default_options(Model::Auto, similarity, preset).optimisation;
+      EXPECT_GT(asked.look_tolerance, 0) << to_string(similarity);
+      EXPECT_LT(asked.look_tolerance, 0.7 * asked.tolerance) << to_string(similarity);
+    }
+  EXPECT_EQ(look_tolerance(Model::Auto, SimilarityType::Lncc), 0.015);
+  EXPECT_EQ(look_tolerance(Model::Auto, SimilarityType::Mi), 0);
+  EXPECT_EQ(look_tolerance(Model::Auto, SimilarityType::Mind), 0);
+  EXPECT_EQ(look_tolerance(Model::Sliding, SimilarityType::Lncc), 0);
+}
+
+}  // namespace
+}  // namespace saltus
