@@ -1,6 +1,7 @@
 // Oracle: every block that operator new gives while register_images runs, counted; all fields of the core come from it.
 #include "core/phantom/make_phantom.h"
 #include "core/registration/register_images.h"
+#include "core/registration/scales.h"
 
 #include <gtest/gtest.h>
 
@@ -171,6 +172,7 @@ TEST(MemoryEstimate, IsABoundWhereElementsAreAlone) {
 TEST(MemoryEstimate, IsABoundWhereFewMayBeActive) {
   Case all(Model::Sliding);
   all.options.momenta.sparsity = 1e-3;
+  all.options.optimisation.history = 6;
   all.fill_pairs();
   all.options.optimisation.tolerance = all.options.optimisation.optimality_tolerance = 0;
   Case few = all;
