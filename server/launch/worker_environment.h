@@ -7,7 +7,7 @@
 namespace saltus::server {
 
 /// GOMP_SPINCOUNT of workers whose threads have cores of their own: so many turns a thread stays awake for the next
-/// loop before it sleeps; waking it takes longer than many a loop. Two threads on a liver pair (166x196x50, median
+/// loop before it sleeps; waking it takes longer than many a loop. Two threads on a liver pair (166x195x25, median
 /// seconds of the levels, one thread 1.14): 1.13 with 2000 turns and loops of 64K sites and more shared out, 0.98 with
 /// loops of 16K sites, 0.71 with these turns, and no less with five times as many. Where other workers wait for the
 /// same core it only takes their time: two pairs at once on two cores took 19 s instead of 15 already with 1000 turns.
