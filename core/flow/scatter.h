@@ -157,7 +157,7 @@ void scatter(const Points& points, const Lattice<Dim>& target, Value&& value, T*
 #pragma omp parallel for schedule(static)
     for (int chunk = 0; chunk < chunks; ++chunk) reach[static_cast<std::size_t>(chunk)] = points.reach(chunk, target);
   }
-#pragma omp parallel for schedule(static, 1) num_threads(parts)
+#pragma omp parallel for schedule(static, 1) if (parts > 1)
   for (int part = 0; part < parts; ++part) {
     const int begin = planes * part / parts, end = planes * (part + 1) / parts;
     CellLanes<Dim, T> cells(target);
