@@ -1,7 +1,6 @@
 #include "core/flow/backward_map.h"
 
 #include "core/flow/particle_steps.h"
-#include "core/grid/block_mask.h"
 #include "core/support/ranking.h"
 
 #include <algorithm>
@@ -11,11 +10,7 @@ namespace saltus {
 
 template <int Dim, class T>
 BackwardMap<Dim, T>::BackwardMap(const Lattice<Dim>& points, const Lattice<Dim>& velocity_lattice, int time_steps)
-    : points_(points),
-      lattice_(velocity_lattice),
-      time_steps_(time_steps),
-      position_(time_steps + 1),
-      predicted_dual_(Dim * points.sites()) {
+    : points_(points), lattice_(velocity_lattice), time_steps_(time_steps), position_(time_steps + 1) {
   for (int k = 0; k < time_steps; ++k) position_[k].resize(Dim * points.sites());
 }
 
@@ -34,24 +29,14 @@ template <int Dim, class T>
 void BackwardMap<Dim, T>::adjoint(const std::vector<Field<T>>& velocities, Field<T>& dual,
                                   std::vector<Field<T>>& velocity_duals) {
   const T dt = T(1) / static_cast<T>(time_steps_);
-  Field<T>& predicted = position_[0];
   for (int k = 0; k < time_steps_; ++k) {
-    const T* from = position_[k + 1].empty() ? nullptr : position_[k + 1].data();
-    const T* v_next = velocities[k + 1].data();
-    advance<Dim, T>(points_, from, from, lattice_, v_next, -dt, predicted.data());
-    BlockMask<Dim>::all(points_).clear(points_, Dim, predicted_dual_.data());
-    advance_adjoint<Dim, T>(points_, predicted.data(), lattice_, velocities[k].data(), -dt / 2, dual.data(),
-                            velocity_duals[k].data(), predicted_dual_.data());
-    // `dual` is that of the position at node k, now of k + 1; what goes through v_{k+1} takes the place of
-    // `predicted`, which has served.
-    const std::size_t count = dual.size();
-#pragma omp parallel for simd schedule(static)
-    for (std::size_t i = 0; i < count; ++i) {
-      predicted[i] = dual[i] / 2 + predicted_dual_[i];
-      dual[i] += predicted_dual_[i];
-    }
-    advance_adjoint<Dim, T>(points_, from, lattice_, v_next, -dt, predicted.data(), velocity_duals[k + 1].data(),
-                            from ? dual.data() : nullptr);
+    const auto at = static_cast<std::size_t>(k);
+    const T* from = position_[at + 1].empty() ? nullptr : position_[at + 1].data();
+    // The map itself is not needed any more; its place takes the dual of the position at node k + 1.
+    advance_heun_adjoint<Dim, T>(points_, from, lattice_, velocities[at + 1].data(), velocities[at].data(), -dt,
+                                 dual.data(), velocity_duals[at + 1].data(), velocity_duals[at].data(),
+                                 from ? position_[0].data() : nullptr);
+    if (from) dual.swap(position_[0]);
   }
 }
 

@@ -24,7 +24,6 @@ class BackwardMap {
   int time_steps_;
   /// Displacement at node k; [time_steps] is empty, meaning 0, and [0], which nothing follows on, serves the adjoint.
   std::vector<Field<T>> position_;
-  Field<T> predicted_dual_;  ///< of the adjoint; sized once
 };
 
 /// What BackwardMap::follow gives, where no adjoint is wanted: one field and nothing else.

@@ -57,6 +57,19 @@ template <int Dim, class T>
   return load<Dim, T>(value.data());
 }
 
+/// Of `count` sites with the momenta m: adds the field to `value_sum` and its gradient for m, by axis and mm, to
+/// `gradient_sum`.
+template <int Dim, class T>
+[[gnu::noinline]] void pull_piece(const CellLanes<Dim, T>& cells, const T* field, int count, const T* m,
+                                  const typename CellLanes<Dim, T>::Vector& per_mm, T* value_sum, T* gradient_sum) {
+  const LaneVectors<T> momenta = vectors_of<Dim, T>(m, count), values = vectors_of<Dim, T>(value_sum, count),
+                       gradients = vectors_of<Dim, T>(gradient_sum, count);
+  cells.visit_gradients(field, momenta, count, [&](int lane, const auto& value, const auto& gradient) {
+    put<Dim>(values[lane] + value, value_sum + Dim * lane);
+    put<Dim>(gradients[lane] + per_mm * gradient, gradient_sum + Dim * lane);
+  });
+}
+
 }  // namespace
 
 /// The first-order element at the upper face of a site along one axis.
@@ -164,18 +177,25 @@ void CoadjointTransport<Dim, T>::push(MovedSites<Dim, T>& sites, const T* zeroth
   reached.zeroth.clear(lattice_, Dim, zeroth_out);
   if (has_zeroth_) {
     const auto all = BlockMask<Dim>::all(lattice_);
-    scatter<Dim, Dim, T>(
-        MovedPoints<Dim, T>(lattice_, all, sites.displacement(), lattice_), lattice_,
-        [&](std::size_t site, std::array<T, Dim>& out) {
-          if (is_zero<Dim, T>(zeroth + Dim * site)) return false;
-          if (!sites.has_jacobians()) {
-            std::copy_n(zeroth + Dim * site, Dim, out.begin());
-            return true;
-          }
-          out = as_array<Dim, T>(sites.inverse_jacobian(site).transpose() * load<Dim, T>(zeroth + Dim * site));
-          return true;
-        },
-        zeroth_out);
+    const MovedPoints<Dim, T> moved(lattice_, all, sites.displacement(), lattice_);
+    const auto as_they_are = scaled_values<Dim, T>(zeroth, T(1));
+    if (!sites.has_jacobians()) {
+      scatter<Dim, T>(moved, lattice_, as_they_are, zeroth_out);
+    } else {
+      scatter<Dim, T>(
+          moved, lattice_,
+          [&](std::size_t first_site, int count, LaneVectors<T>& out, LaneMask& wanted) {
+            as_they_are(first_site, count, out, wanted);
+            for (int lane = 0; lane < count; ++lane) {
+              if (!wanted[lane]) continue;
+              const std::size_t site = first_site + static_cast<std::size_t>(lane);
+              const Column<Dim, T> turned =
+                  sites.inverse_jacobian(site).transpose() * load<Dim, T>(zeroth + Dim * site);
+              for (int c = 0; c < Dim; ++c) out[lane][c] = turned[c];
+            }
+          },
+          zeroth_out);
+    }
   }
   if (!has_first_) return;
   for (std::size_t axis = 0; axis < Dim; ++axis) reached.first[axis].clear(lattice_, Dim, first_out + axis * field);
@@ -236,12 +256,15 @@ void CoadjointTransport<Dim, T>::push_faces(MovedSites<Dim, T>& sites, int axis,
       if (b >= 0) at[b] -= T(0.5);
       return at;
     });
-    scatter<Dim, Dim, T>(
+    scatter<Dim, T>(
         points, lattice_,
-        [&](std::size_t i, std::array<T, Dim>& out) {
-          out = b < 0 ? turned[i].zeroth : elements[i].n;
-          for (int c = 0; c < Dim && b >= 0 && exact; ++c) out[c] *= turned[i].into[b];
-          return true;
+        [&](std::size_t first_element, int count, LaneVectors<T>& out, LaneMask& wanted) {
+          for (int lane = 0; lane < count; ++lane) {
+            const std::size_t i = first_element + static_cast<std::size_t>(lane);
+            const std::array<T, Dim>& n = b < 0 ? turned[i].zeroth : elements[i].n;
+            for (int c = 0; c < Dim; ++c) out[lane][c] = b >= 0 && exact ? n[c] * turned[i].into[b] : n[c];
+            wanted[lane] = true;
+          }
         },
         b < 0 ? zeroth_out : first_out + static_cast<std::size_t>(b) * field);
   }
@@ -272,27 +295,29 @@ void CoadjointTransport<Dim, T>::zeroth_adjoint(MovedSites<Dim, T>& sites, const
   const auto all = BlockMask<Dim>::all(lattice_);
   const MovedPoints<Dim, T> moved(lattice_, all, sites.displacement(), lattice_);
   if (!sites.has_jacobians()) {  // the position alone moves with the displacement
-    for_cells<Dim, T>(moved, lattice_, [&](std::size_t site, const LinearCell<Dim, T>& cell) {
-      std::array<T, Dim> m, gradient;
-      std::copy_n(zeroth + Dim * site, Dim, m.begin());
-      const std::array<T, Dim> dual = cell.template value_and_gradient<Dim>(dual_field, m, gradient);
-      for (int c = 0; c < Dim; ++c) {
-        zeroth_dual[Dim * site + c] += dual[c];
-        displacement_dual[Dim * site + c] += gradient[c] * static_cast<T>(sites.per_mm()[c]);
-      }
+    typename CellLanes<Dim, T>::Vector per_mm{};
+    for (int c = 0; c < Dim; ++c) per_mm[c] = static_cast<T>(sites.per_mm()[c]);
+    for_cells<Dim, T>(moved, lattice_, [&](std::size_t first, int count, const CellLanes<Dim, T>& cells) {
+      pull_piece<Dim, T>(cells, dual_field, count, zeroth + Dim * first, per_mm, zeroth_dual + Dim * first,
+                         displacement_dual + Dim * first);
     });
     return;
   }
-  for_cells<Dim, T>(moved, lattice_, [&](std::size_t site, const LinearCell<Dim, T>& cell) {
-    const Square<Dim, T> G = sites.inverse_jacobian(site).transpose();
-    const Column<Dim, T> dual = gather<Dim, T>(cell, dual_field), pulled = G.transpose() * dual;
-    add_to<Dim, T>(zeroth_dual + Dim * site, pulled);
-    if (is_zero<Dim, T>(zeroth + Dim * site)) return;
-    const Column<Dim, T> m = load<Dim, T>(zeroth + Dim * site), pushed = G * m;
-    const std::array<T, Dim> gradient = cell.template pulled_back_gradient<Dim>(dual_field, as_array<Dim, T>(pushed));
-    for (int a = 0; a < Dim; ++a) displacement_dual[Dim * site + a] += gradient[a] * static_cast<T>(sites.per_mm()[a]);
-    // d G = -G dF^T G, so the dual of F is -G (dual m^T)^T G = -(G m) (G^T dual)^T.
-    add_to<Dim, T>(sites.jacobian_duals() + Dim * Dim * site, Square<Dim, T>(-pushed * pulled.transpose()));
+  for_cells<Dim, T>(moved, lattice_, [&](std::size_t first, int count, const CellLanes<Dim, T>& cells) {
+    for (int lane = 0; lane < count; ++lane) {
+      const std::size_t site = first + static_cast<std::size_t>(lane);
+      const LinearCell<Dim, T> cell = cells.cell(lane);
+      const Square<Dim, T> G = sites.inverse_jacobian(site).transpose();
+      const Column<Dim, T> dual = gather<Dim, T>(cell, dual_field), pulled = G.transpose() * dual;
+      add_to<Dim, T>(zeroth_dual + Dim * site, pulled);
+      if (is_zero<Dim, T>(zeroth + Dim * site)) continue;
+      const Column<Dim, T> m = load<Dim, T>(zeroth + Dim * site), pushed = G * m;
+      const std::array<T, Dim> gradient = cell.template pulled_back_gradient<Dim>(dual_field, as_array<Dim, T>(pushed));
+      for (int a = 0; a < Dim; ++a)
+        displacement_dual[Dim * site + a] += gradient[a] * static_cast<T>(sites.per_mm()[a]);
+      // d G = -G dF^T G, so the dual of F is -G (dual m^T)^T G = -(G m) (G^T dual)^T.
+      add_to<Dim, T>(sites.jacobian_duals() + Dim * Dim * site, Square<Dim, T>(-pushed * pulled.transpose()));
+    }
   });
 }
 
@@ -404,11 +429,20 @@ template <int Dim, class T>
 void CoadjointTransport<Dim, T>::pull_back(const MovedSites<Dim, T>& sites, const T* field, T scale, T* sum) const {
   const auto all = BlockMask<Dim>::all(lattice_);
   const MovedPoints<Dim, T> moved(lattice_, all, sites.displacement(), lattice_);
-  for_cells<Dim, T>(moved, lattice_, [&](std::size_t site, const LinearCell<Dim, T>& cell) {
-    const Column<Dim, T> value = gather<Dim, T>(cell, field);
-    add_to<Dim, T>(
-        sum + Dim * site,
-        Column<Dim, T>(scale * (sites.has_jacobians() ? Column<Dim, T>(sites.inverse_jacobian(site) * value) : value)));
+  for_cells<Dim, T>(moved, lattice_, [&](std::size_t first, int count, const CellLanes<Dim, T>& cells) {
+    T* to = sum + Dim * first;
+    if (!sites.has_jacobians()) {
+      const LaneVectors<T> before = vectors_of<Dim, T>(to, count);
+      cells.visit_vectors(
+          field, count, [&](int lane, const auto& value) { put<Dim>(before[lane] + scale * value, to + Dim * lane); });
+      return;
+    }
+    cells.visit_vectors(field, count, [&](int lane, const auto& value) {
+      Column<Dim, T> column;
+      for (int c = 0; c < Dim; ++c) column[c] = value[c];
+      add_to<Dim, T>(to + Dim * lane,
+                     Column<Dim, T>(scale * (sites.inverse_jacobian(first + static_cast<std::size_t>(lane)) * column)));
+    });
   });
 }
 

@@ -6,11 +6,40 @@
 #include "core/support/thread_count.h"
 
 #include <algorithm>
+#include <array>
+#include <cmath>
+#include <limits>
+#include <vector>
 
 namespace saltus {
 
 /// Moving points with a sampled velocity, and the adjoint. Points are the sites of a lattice with a displacement each
 /// (mm, interleaved); velocities (mm per unit time) are sampled linearly, constant beyond their lattice.
+
+/// out = a + factor * v for `count` sites with these cells; a null `a` means 0.
+template <int Dim, class T>
+[[gnu::noinline]] void advance_piece(const CellLanes<Dim, T>& cells, const T* velocity, T factor, int count, const T* a,
+                                     T* out) {
+  const LaneVectors<T> from = a ? vectors_of<Dim, T>(a, count) : LaneVectors<T>{};
+  cells.visit_vectors(velocity, count,
+                      [&](int lane, const auto& v) { put<Dim>(from[lane] + factor * v, out + Dim * lane); });
+}
+
+/// What a field is in these cells.
+template <int Dim, class T>
+[[gnu::noinline]] void sample_piece(const CellLanes<Dim, T>& cells, const T* field, int count, LaneVectors<T>& values) {
+  cells.visit_vectors(field, count, [&](int lane, const auto& value) { values[lane] = value; });
+}
+
+/// Its gradient there for these duals, by axis and mm.
+template <int Dim, class T>
+[[gnu::noinline]] void gradient_piece(const CellLanes<Dim, T>& cells, const T* field, const LaneVectors<T>& dual,
+                                      const std::array<T, Dim>& per_mm, int count, LaneVectors<T>& gradients) {
+  typename CellLanes<Dim, T>::Vector scale{};
+  for (int axis = 0; axis < Dim; ++axis) scale[axis] = per_mm[axis];
+  cells.visit_gradients(field, dual, count,
+                        [&](int lane, const auto&, const auto& gradient) { gradients[lane] = gradient * scale; });
+}
 
 /// out(x) = a(x) + factor * v(x + at(x)) for the sites x of `points` in `where`; `out` may be `a`. A null `a` or `at`
 /// means 0.
@@ -30,11 +59,7 @@ void advance(const Lattice<Dim>& points, const BlockMask<Dim>& where, const T* a
     CellLanes<Dim, T> cells(velocity_lattice);
     where.visit_pieces(points, slab, cells.kLanes, [&](const Index<Dim>& index, std::size_t site, int count) {
       cells.find(placed<Dim, T>(place, index, at ? lanes_of<Dim, T>(at + Dim * site, count) : LanePoints<Dim, T>{}));
-      for (int lane = 0; lane < count; ++lane) {
-        const std::array<T, Dim> v = cells.cell(lane).template value<Dim>(velocity);
-        const std::size_t first = Dim * (site + static_cast<std::size_t>(lane));
-        for (int c = 0; c < Dim; ++c) out[first + c] = (a ? a[first + c] : T(0)) + factor * v[c];
-      }
+      advance_piece<Dim, T>(cells, velocity, factor, count, a ? a + Dim * site : nullptr, out + Dim * site);
     });
   }
 }
@@ -44,6 +69,22 @@ template <int Dim, class T>
 void advance(const Lattice<Dim>& points, const T* a, const T* at, const Lattice<Dim>& velocity_lattice,
              const T* velocity, T factor, T* out) {
   advance<Dim, T>(points, BlockMask<Dim>::all(points), a, at, velocity_lattice, velocity, factor, out);
+}
+
+/// By axis.
+template <class T, int Dim>
+std::array<T, Dim> samples_per_mm(const Lattice<Dim>& lattice) {
+  std::array<T, Dim> per_mm;
+  for (int axis = 0; axis < Dim; ++axis) per_mm[axis] = static_cast<T>(1 / lattice.spacing[axis]);
+  return per_mm;
+}
+
+/// to += factor * values
+template <int Dim, class T>
+[[gnu::always_inline]] inline void add_scaled(T factor, const LanePoints<Dim, T>& values, LanePoints<Dim, T>& to) {
+  for (int c = 0; c < Dim; ++c)
+#pragma omp simd
+    for (int lane = 0; lane < CellLanes<Dim, T>::kLanes; ++lane) to[c][lane] += factor * values[c][lane];
 }
 
 /// One step of Heun's rule: out(x) = d(x) + step/2 (first(x + d(x)) + second(x + d(x) + step * first(x + d(x)))), for
@@ -57,30 +98,23 @@ void advance_heun(const Lattice<Dim>& points, const T* d, const Lattice<Dim>& ve
 #pragma omp parallel for schedule(static) if (is_worth_threads(points.sites()))
   for (int slab = 0; slab < points.size[Dim - 1]; ++slab) {
     CellLanes<Dim, T> cells(velocity_lattice);
-    const auto sample = [&](const Index<Dim>& index, int count, const LanePoints<Dim, T>& at, const T* velocity) {
-      LanePoints<Dim, T> values{};
-      cells.find(placed<Dim, T>(place, index, at));
-      for (int lane = 0; lane < count; ++lane) {
-        const std::array<T, Dim> v = cells.cell(lane).template value<Dim>(velocity);
-        for (int c = 0; c < Dim; ++c) values[c][lane] = v[c];
-      }
-      return values;
-    };
     all.visit_pieces(points, slab, cells.kLanes, [&](const Index<Dim>& index, std::size_t site, int count) {
-      const LanePoints<Dim, T> from = d ? lanes_of<Dim, T>(d + Dim * site, count) : LanePoints<Dim, T>{};
-      LanePoints<Dim, T> v =
-          on_samples ? lanes_of<Dim, T>(first + Dim * site, count) : sample(index, count, from, first);
-      LanePoints<Dim, T> predicted, middle;
-      for (int c = 0; c < Dim; ++c)
-#pragma omp simd
-        for (int lane = 0; lane < cells.kLanes; ++lane) {
-          predicted[c][lane] = from[c][lane] + step * v[c][lane];
-          middle[c][lane] = from[c][lane] + step / 2 * v[c][lane];
-        }
-      v = sample(index, count, predicted, second);
-      for (int lane = 0; lane < count; ++lane)
-        for (int c = 0; c < Dim; ++c)
-          out[Dim * (site + static_cast<std::size_t>(lane)) + c] = middle[c][lane] + step / 2 * v[c][lane];
+      const LaneVectors<T> from = d ? vectors_of<Dim, T>(d + Dim * site, count) : LaneVectors<T>{};
+      LanePoints<Dim, T> at = by_component<Dim, T>(from);
+      LaneVectors<T> v{};
+      if (on_samples) {
+        v = vectors_of<Dim, T>(first + Dim * site, count);
+      } else {
+        cells.find(placed<Dim, T>(place, index, at));
+        sample_piece<Dim, T>(cells, first, count, v);
+      }
+      add_scaled<Dim, T>(step, by_component<Dim, T>(v), at);
+      cells.find(placed<Dim, T>(place, index, at));
+      const T half = step / 2;
+      T* to = out + Dim * site;
+      cells.visit_vectors(second, count, [&](int lane, const auto& w) {
+        put<Dim>(from[lane] + half * (v[lane] + w), to + Dim * lane);
+      });
     });
   }
 }
@@ -100,14 +134,18 @@ void advance_adjoint(const Lattice<Dim>& points, const BlockMask<Dim>& where, co
   }
   const MovedPoints<Dim, T> moved(points, where, at, velocity_lattice);
   const auto scaled_dual = scaled_values<Dim, T>(dual, factor);
-  if (!at_dual) return scatter<Dim, Dim, T>(moved, velocity_lattice, scaled_dual, velocity_dual);
-  std::array<T, Dim> per_mm;
-  for (int c = 0; c < Dim; ++c) per_mm[c] = static_cast<T>(1 / velocity_lattice.spacing[c]);
-  scatter<Dim, Dim, T>(moved, velocity_lattice, scaled_dual, velocity_dual,
-                       [&](std::size_t site, const LinearCell<Dim, T>& cell, const std::array<T, Dim>& value) {
-                         const std::array<T, Dim> gradient = cell.template pulled_back_gradient<Dim>(velocity, value);
-                         for (int c = 0; c < Dim; ++c) at_dual[Dim * site + c] += gradient[c] * per_mm[c];
-                       });
+  if (!at_dual) return scatter<Dim, T>(moved, velocity_lattice, scaled_dual, velocity_dual);
+  const std::array<T, Dim> per_mm = samples_per_mm<T>(velocity_lattice);
+  scatter<Dim, T>(moved, velocity_lattice, scaled_dual, velocity_dual,
+                  [&](std::size_t first, int count, const CellLanes<Dim, T>& cells, const LaneVectors<T>& given,
+                      const LaneMask& own) {
+                    LaneVectors<T> gradients;
+                    gradient_piece<Dim, T>(cells, velocity, given, per_mm, count, gradients);
+                    T* to = at_dual + Dim * first;
+                    const LaneVectors<T> before = vectors_of<Dim, T>(to, count);
+                    for (int lane = 0; lane < count; ++lane)
+                      if (own[lane]) put<Dim>(before[lane] + gradients[lane], to + Dim * lane);
+                  });
 }
 
 /// Of all sites.
@@ -116,6 +154,107 @@ void advance_adjoint(const Lattice<Dim>& points, const T* at, const Lattice<Dim>
                      T factor, const T* dual, T* velocity_dual, T* at_dual) {
   advance_adjoint<Dim, T>(points, BlockMask<Dim>::all(points), at, velocity_lattice, velocity, factor, dual,
                           velocity_dual, at_dual);
+}
+
+/// For each plane (last axis), how fast the field of its sites goes along that axis; infinite where it is not a number.
+template <int Dim, class T>
+std::vector<T> fastest_across(const Lattice<Dim>& lattice, const T* velocity) {
+  const std::size_t planes = static_cast<std::size_t>(lattice.size[Dim - 1]), sites = lattice.sites() / planes;
+  std::vector<T> fastest(planes);
+#pragma omp parallel for schedule(static)
+  for (std::size_t plane = 0; plane < planes; ++plane) {
+    const T* across = velocity + Dim * sites * plane + Dim - 1;
+    T most = 0;
+    int odd = 0;
+#pragma omp simd reduction(max : most) reduction(+ : odd)
+    for (std::size_t i = 0; i < sites; ++i) {
+      const T speed = std::abs(across[Dim * i]);
+      most = speed > most ? speed : most;
+      odd += speed != speed;
+    }
+    fastest[plane] = odd > 0 ? std::numeric_limits<T>::infinity() : most;
+  }
+  return fastest;
+}
+/// The planes that points in `reach` may come to with the velocity there, which is `step` times `fastest` at most; all
+/// of them where that is not a number.
+template <class T>
+std::array<int, 2> widened(const std::array<int, 2>& reach, const std::vector<T>& fastest, T step) {
+  const int planes = static_cast<int>(fastest.size());
+  T most = 0;
+  for (int plane = std::max(0, reach[0]); plane <= std::min(planes - 1, reach[1]); ++plane)
+    most = std::max(most, step * fastest[static_cast<std::size_t>(plane)]);
+  const int more = most < static_cast<T>(planes) ? static_cast<int>(most) + 1 : planes;
+  return {std::max(0, reach[0] - more), std::min(planes, reach[1] + more)};
+}
+
+/// Adjoint of advance_heun with respect to both velocities and to `d`: with the dual of `out`, adds to the duals of the
+/// velocities and writes that of `d` (null: not), which is not `dual`. As in `scatter` a thread owns a range of planes
+/// of the velocities, and besides its share of the slabs of points, whose duals it writes.
+template <int Dim, class T>
+void advance_heun_adjoint(const Lattice<Dim>& points, const T* d, const Lattice<Dim>& velocity_lattice, const T* first,
+                          const T* second, T step, const T* dual, T* first_dual, T* second_dual, T* d_dual) {
+  const SitePlacement<Dim, T> place(points, velocity_lattice);
+  const bool on_samples = !d && points == velocity_lattice;
+  const auto all = BlockMask<Dim>::all(points);
+  const std::array<T, Dim> per_mm = samples_per_mm<T>(velocity_lattice);
+  const int planes = velocity_lattice.size[Dim - 1], slabs = points.size[Dim - 1];
+  const int parts = std::max(1, std::min(planes, threads_of_loop(points.sites())));
+  std::vector<std::array<int, 2>> reach(static_cast<std::size_t>(slabs), {0, planes});
+  if (parts > 1) {
+    const MovedPoints<Dim, T> moved(points, all, d, velocity_lattice);
+    const std::vector<T> fastest = fastest_across<Dim, T>(velocity_lattice, first);
+#pragma omp parallel for schedule(static)
+    for (int slab = 0; slab < slabs; ++slab)
+      reach[static_cast<std::size_t>(slab)] =
+          widened(moved.reach(slab, velocity_lattice), fastest, std::abs(step) * per_mm[Dim - 1]);
+  }
+#pragma omp parallel for schedule(static, 1) if (parts > 1)
+  for (int part = 0; part < parts; ++part) {
+    const int begin = planes * part / parts, end = planes * (part + 1) / parts;
+    const int own_begin = slabs * part / parts, own_end = slabs * (part + 1) / parts;
+    CellLanes<Dim, T> cells(velocity_lattice), predicted(velocity_lattice);
+    LaneVectors<T> v{}, gradients{};
+    LaneMask wanted;
+    for (int slab = 0; slab < slabs; ++slab) {
+      const bool is_own = own_begin <= slab && slab < own_end;
+      const std::array<int, 2>& planes_of = reach[static_cast<std::size_t>(slab)];
+      if (!is_own && (planes_of[0] >= end || planes_of[1] < begin)) continue;
+      all.visit_pieces(points, slab, cells.kLanes, [&](const Index<Dim>& index, std::size_t site, int count) {
+        LaneVectors<T> given = vectors_of<Dim, T>(dual + Dim * site, count);
+        const LaneVectors<T> after = given;
+        LanePoints<Dim, T> at = d ? lanes_of<Dim, T>(d + Dim * site, count) : LanePoints<Dim, T>{};
+        if (on_samples) {
+          v = vectors_of<Dim, T>(first + Dim * site, count);
+        } else {
+          cells.find(placed<Dim, T>(place, index, at));
+          sample_piece<Dim, T>(cells, first, count, v);
+        }
+        add_scaled<Dim, T>(step, by_component<Dim, T>(v), at);
+        predicted.find(placed<Dim, T>(place, index, at));
+
+        for (auto& one : given) one *= step / 2;
+        mark_nonzero<Dim, T>(given, wanted);
+        predicted.spread(given, count, wanted, begin, end, second_dual);
+        gradient_piece<Dim, T>(predicted, second, given, per_mm, count, gradients);
+        for (int lane = 0; lane < count; ++lane) given[lane] += step * gradients[lane];
+        if (on_samples) {
+          if (!is_own) return;
+          T* to = first_dual + Dim * site;
+          const LaneVectors<T> before = vectors_of<Dim, T>(to, count);
+          for (int lane = 0; lane < count; ++lane) put<Dim>(before[lane] + given[lane], to + Dim * lane);
+        } else {
+          mark_nonzero<Dim, T>(given, wanted);
+          cells.spread(given, count, wanted, begin, end, first_dual);
+        }
+        if (!d_dual || !is_own) return;
+        LaneVectors<T> more{};
+        if (!on_samples) gradient_piece<Dim, T>(cells, first, given, per_mm, count, more);
+        T* to = d_dual + Dim * site;
+        for (int lane = 0; lane < count; ++lane) put<Dim>(after[lane] + gradients[lane] + more[lane], to + Dim * lane);
+      });
+    }
+  }
 }
 
 }  // namespace saltus

@@ -38,13 +38,16 @@ void advance_points_adjoint(const std::vector<T>& at, const Lattice<Dim>& veloci
   const auto points = listed_points<Dim, T>(
       at.size() / Dim, [&](std::size_t p) { return index_of<Dim, T>(velocity_lattice, at.data() + Dim * p); });
   const auto scaled_dual = scaled_values<Dim, T>(dual.data(), factor);
-  if (!at_dual) return scatter<Dim, Dim, T>(points, velocity_lattice, scaled_dual, velocity_dual);
-  scatter<Dim, Dim, T>(points, velocity_lattice, scaled_dual, velocity_dual,
-                       [&](std::size_t p, const LinearCell<Dim, T>& cell, const std::array<T, Dim>& value) {
-                         const std::array<T, Dim> gradient = cell.template pulled_back_gradient<Dim>(velocity, value);
-                         for (int c = 0; c < Dim; ++c)
-                           (*at_dual)[Dim * p + c] += gradient[c] / static_cast<T>(velocity_lattice.spacing[c]);
-                       });
+  if (!at_dual) return scatter<Dim, T>(points, velocity_lattice, scaled_dual, velocity_dual);
+  scatter<Dim, T>(points, velocity_lattice, scaled_dual, velocity_dual,
+                  [&](std::size_t first, int count, const CellLanes<Dim, T>& cells, const LaneVectors<T>& given,
+                      const LaneMask& own) {
+                    cells.visit_gradients(velocity, given, count, [&](int lane, const auto&, const auto& gradient) {
+                      T* to = at_dual->data() + Dim * (first + static_cast<std::size_t>(lane));
+                      for (int c = 0; c < Dim && own[lane]; ++c)
+                        to[c] += gradient[c] / static_cast<T>(velocity_lattice.spacing[c]);
+                    });
+                  });
 }
 
 }  // namespace saltus

@@ -109,16 +109,25 @@ class ListedPoints {
   At at_;
 };
 
-/// For `scatter`: factor times an interleaved field's value at the point, nothing where that is 0.
+/// Which vectors are not 0.
+template <int Dim, class T>
+[[gnu::always_inline]] inline void mark_nonzero(const LaneVectors<T>& values, LaneMask& marks) {
+  const LanePoints<Dim, T> by = by_component<Dim, T>(values);
+#pragma omp simd
+  for (int lane = 0; lane < CellLanes<Dim, T>::kLanes; ++lane) {
+    int any = 0;
+    for (int c = 0; c < Dim; ++c) any |= by[c][lane] != T(0);
+    marks[lane] = any;
+  }
+}
+
+/// For `scatter`: factor times an interleaved field's values at the points, nothing where they are 0.
 template <int Dim, class T>
 auto scaled_values(const T* field, T factor) {
-  return [field, factor](std::size_t point, std::array<T, Dim>& out) {
-    bool any = false;
-    for (int c = 0; c < Dim; ++c) {
-      out[c] = factor * field[Dim * point + c];
-      any = any || out[c] != T(0);
-    }
-    return any;
+  return [field, factor](std::size_t first, int count, LaneVectors<T>& out, LaneMask& wanted) {
+    out = vectors_of<Dim, T>(field + Dim * first, count);
+    for (auto& one : out) one *= factor;
+    mark_nonzero<Dim, T>(out, wanted);
   };
 }
 
@@ -127,7 +136,7 @@ ListedPoints<Dim, T, At> listed_points(std::size_t count, At at) {
   return {count, std::move(at)};
 }
 
-/// visit(point, cell) for all points, chunks in parallel.
+/// visit(first point, how many, their cells) for all points, chunks in parallel.
 template <int Dim, class T, class Points, class Visit>
 void for_cells(const Points& points, const Lattice<Dim>& target, Visit&& visit) {
   const int chunks = points.chunks();
@@ -136,18 +145,21 @@ void for_cells(const Points& points, const Lattice<Dim>& target, Visit&& visit) 
     CellLanes<Dim, T> cells(target);
     points.visit(chunk, [&](std::size_t first, int count, const LanePoints<Dim, T>& at) {
       cells.find(at);
-      for (int lane = 0; lane < count; ++lane) visit(first + static_cast<std::size_t>(lane), cells.cell(lane));
+      visit(first, count, cells);
     });
   }
 }
 
-/// Adds values at points anywhere to a lattice, the transpose of linear interpolation: to[Channels * corner + c] +=
-/// weight * value[c]. `value(point, out)` fills out[Channels] and returns whether there is anything to add; it is
-/// called more than once for a few points, from several threads.
+/// Adds vectors at points anywhere to a lattice, the transpose of linear interpolation: to[Dim * corner + c] += weight
+/// * value[c]. `value(first point, how many, out, wanted)` fills `out` and says who has anything to add; it is called
+/// more than once for a few points, from several threads.
 ///
 /// A thread owns a range of planes (last axis) and passes over the chunks that reach none of them, so each target value
 /// receives its terms in the same order always: the result does not depend on the number of threads.
-template <int Channels, int Dim, class T, class Points, class Value, class Visit>
+///
+/// visit(first point, how many, their cells, their values, which are the thread's own) for all points, each of which is
+/// one thread's own; a value of who has nothing to add is as `value` left it.
+template <int Dim, class T, class Points, class Value, class Visit>
 void scatter(const Points& points, const Lattice<Dim>& target, Value&& value, T* to, Visit&& visit) {
   const int planes = target.size[Dim - 1], chunks = points.chunks();
   const int parts = std::max(1, std::min(planes, threads_of_loop(points.most())));
@@ -161,33 +173,28 @@ void scatter(const Points& points, const Lattice<Dim>& target, Value&& value, T*
   for (int part = 0; part < parts; ++part) {
     const int begin = planes * part / parts, end = planes * (part + 1) / parts;
     CellLanes<Dim, T> cells(target);
+    LaneVectors<T> values;
+    LaneMask wanted, own;
     for (int chunk = 0; chunk < chunks; ++chunk) {
       const std::array<int, 2>& planes_of = reach[static_cast<std::size_t>(chunk)];
       if (planes_of[0] >= end || planes_of[1] < begin) continue;
       points.visit(chunk, [&](std::size_t first, int count, const LanePoints<Dim, T>& at) {
         cells.find(at);
-        // All values first: what has just been written in pieces cannot be read as a whole at once.
-        std::array<std::array<T, Channels>, CellLanes<Dim, T>::kLanes> values;
-        std::array<bool, CellLanes<Dim, T>::kLanes> is_wanted;
-        for (int lane = 0; lane < count; ++lane)
-          is_wanted[lane] = cells.plane(lane) < end && cells.plane(lane) + 1 >= begin &&
-                            value(first + static_cast<std::size_t>(lane), values[lane]);
-        for (int lane = 0; lane < count; ++lane) {
-          const LinearCell<Dim, T> cell = cells.cell(lane);
-          if (is_wanted[lane]) cell.template spread<Channels>(values[lane], begin, end, to);
-          if (cells.plane(lane) >= begin && cells.plane(lane) < end)
-            visit(first + static_cast<std::size_t>(lane), cell,
-                  is_wanted[lane] ? values[lane] : std::array<T, Channels>{});
-        }
+        value(first, count, values, wanted);
+        cells.spread(values, count, wanted, begin, end, to);
+#pragma omp simd
+        for (int lane = 0; lane < cells.kLanes; ++lane)
+          own[lane] = (cells.plane(lane) >= begin) & (cells.plane(lane) < end);
+        visit(first, count, cells, values, own);
       });
     }
   }
 }
 
-template <int Channels, int Dim, class T, class Points, class Value>
+template <int Dim, class T, class Points, class Value>
 void scatter(const Points& points, const Lattice<Dim>& target, Value&& value, T* to) {
-  scatter<Channels, Dim, T>(points, target, value, to,
-                            [](std::size_t, const LinearCell<Dim, T>&, const std::array<T, Channels>&) {});
+  scatter<Dim, T>(points, target, value, to,
+                  [](std::size_t, int, const CellLanes<Dim, T>&, const LaneVectors<T>&, const LaneMask&) {});
 }
 
 }  // namespace saltus

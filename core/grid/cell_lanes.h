@@ -1,16 +1,27 @@
 #pragma once
 
+#include "core/grid/cell_rows.h"
 #include "core/grid/interpolation.h"
 
 #include <algorithm>
 #include <array>
 #include <cstddef>
 #include <cstdint>
+#include <cstring>
 
 namespace saltus {
 
+/// Two or three components at neighbouring sites, a register for each, one after the other; what else stands in it
+/// means nothing.
+template <class T>
+using LaneVectors = std::array<typename CellRows<T>::Vector, 16>;
+
+/// 1 for some of the sites, 0 for the others: as wide as the lanes it is found in.
+using LaneMask = std::array<std::int32_t, 16>;
+
 /// Cells (LinearCell) of neighbouring sites, side by side: where they are, and what a scalar field is there, is worked
-/// out in lanes; only the values at the corners are fetched one by one. For loops over rows of sites (visit_pieces).
+/// out in lanes; only the values at the corners are fetched one by one, and fields of vectors taken site by site, rows
+/// of a cell at a time (CellRows). For loops over rows of sites (visit_pieces).
 template <int Dim, class T>
 class CellLanes {
  public:
@@ -18,6 +29,8 @@ class CellLanes {
   static constexpr int kCorners = 1 << Dim;
   using Lanes = std::array<T, kLanes>;
   using Points = std::array<Lanes, Dim>;  ///< by axis
+  using Vector = typename CellRows<T>::Vector;
+  using Vectors = LaneVectors<T>;
 
   /// Cells of a lattice of fewer than 2^32 sites.
   explicit CellLanes(const Lattice<Dim>& lattice) {
@@ -101,7 +114,165 @@ class CellLanes {
     return out;
   }
 
+  /// take(lane, value) for the first `count` lanes, with what an interleaved field of vectors is in their cells.
+  template <class Take>
+  [[gnu::always_inline]] void visit_vectors(const T* field, int count, const Take& take) const {
+    if constexpr (Dim == 3)
+      if (has_rows()) {
+        const Corners corners(*this);
+        prefetch(field);
+        for (int lane = 0; lane < count; ++lane)
+          take(lane, corners.rows(field, lane).value(corners.x[lane], corners.y[lane], corners.z[lane]));
+        return;
+      }
+    for (int lane = 0; lane < count; ++lane) take(lane, vector_of(cell(lane).template value<Dim>(field)));
+  }
+
+  /// take(lane, value, gradient), the latter by axis sum_c dual[c] * d value[c] / d index coordinate.
+  template <class Take>
+  [[gnu::always_inline]] void visit_gradients(const T* field, const Vectors& dual, int count, const Take& take) const {
+    if constexpr (Dim == 3)
+      if (has_rows()) {
+        const Corners corners(*this);
+        prefetch(field);
+        const bool any_clamped = is_any_clamped();
+        for (int lane = 0; lane < count; ++lane) {
+          Vector slopes[3];
+          const Vector value =
+              corners.rows(field, lane).value_and_slopes(corners.x[lane], corners.y[lane], corners.z[lane], slopes);
+          for (int axis = 0; axis < 3; ++axis) slopes[axis] *= dual[lane];
+          Vector gradient = sums_of_three(slopes);
+          if (any_clamped) gradient *= Vector{slope_[0][lane], slope_[1][lane], slope_[2][lane]};
+          take(lane, value, gradient);
+        }
+        return;
+      }
+    for (int lane = 0; lane < count; ++lane) {
+      std::array<T, Dim> of_lane, gradient;
+      for (int c = 0; c < Dim; ++c) of_lane[c] = dual[lane][c];
+      const Vector value = vector_of(cell(lane).template value_and_gradient<Dim>(field, of_lane, gradient));
+      take(lane, value, vector_of(gradient));
+    }
+  }
+
+  /// Transpose of `visit_vectors`: adds `given`, of the first `count` lanes that are in `wanted`, to the corners whose
+  /// index along the last axis is in [begin, end). Every fourth lane comes first, whatever the range is.
+  [[gnu::noinline]] void spread(const Vectors& given, int count, const LaneMask& wanted, int begin, int end,
+                                T* field) const {
+    if constexpr (Dim == 3)
+      if (has_rows() && are_all(wanted, count) && are_within(count, begin, end))
+        return spread_rows(given, count, field);
+    for (int first = 0; first < kApart; ++first)
+      for (int lane = first; lane < count; lane += kApart) {
+        if (!wanted[lane]) continue;
+        std::array<T, Dim> of_lane;
+        for (int c = 0; c < Dim; ++c) of_lane[c] = given[lane][c];
+        cell(lane).template spread<Dim>(of_lane, begin, end, field);
+      }
+  }
+
  private:
+  static constexpr int kApart = 4;  ///< lanes that are written one after the other
+
+  /// Where the corners of 3-D cells are, and fractions, by lane: what loops over lanes would else look up again after
+  /// each value they write.
+  struct Corners {
+    const T *x, *y, *z;
+    const std::uint32_t* base;
+    std::size_t row, plane;
+
+    explicit Corners(const CellLanes& cells)
+        : x(cells.fraction_[0].data()),
+          y(cells.fraction_[1].data()),
+          z(cells.fraction_[Dim - 1].data()),
+          base(cells.base_.data()),
+          row(cells.last_[1] > 0 ? 3 * std::size_t{cells.stride_[1]} : 0),
+          plane(cells.last_[Dim - 1] > 0 ? 3 * std::size_t{cells.stride_[Dim - 1]} : 0) {}
+    [[gnu::always_inline]] CellRows<T> rows(const T* field, int lane) const {
+      return CellRows<T>(field + 3 * std::size_t{base[lane]}, row, plane);
+    }
+  };
+
+  /// Whether corners are taken row by row; where the lattice has one sample along x there are no rows.
+  bool has_rows() const { return Dim == 3 && last_[0] > 0; }
+  static bool are_all(const LaneMask& wanted, int count) {
+    int all = 1;
+#pragma omp simd reduction(& : all)
+    for (int lane = 0; lane < kLanes; ++lane) all &= wanted[lane] | (lane >= count);
+    return all;
+  }
+  bool are_within(int count, int begin, int end) const {
+    const int last = end - (last_[Dim - 1] > 0);
+    int all = 1;
+#pragma omp simd reduction(& : all)
+    for (int lane = 0; lane < kLanes; ++lane) {
+      const int low = low_[Dim - 1][lane];
+      all &= ((low >= begin) & (low < last)) | (lane >= count);
+    }
+    return all;
+  }
+  bool is_any_clamped() const {
+    T least = 1;
+    for (int axis = 0; axis < Dim; ++axis)
+#pragma omp simd reduction(min : least)
+      for (int lane = 0; lane < kLanes; ++lane) least = std::min(least, slope_[axis][lane]);
+    return least < 1;
+  }
+
+  /// Rows of a moved lattice are too short for the machine to foresee them. What the next rows of sites will be the
+  /// first to need comes near, and from memory what the next plane of sites will; beyond the field nothing comes.
+  [[gnu::always_inline]] void prefetch(const T* field, bool to_write = false) const {
+    const std::size_t plane = stride_[Dim - 1], row = stride_[1];
+    for (int lane = 0; lane < kLanes; lane += 5)  // a group's vectors lie in four lines at most
+      for (const std::size_t ahead : {2 * plane + 2 * row, 2 * plane + row, plane + 2 * row}) {
+        // As a number: a pointer must not leave its field.
+        const auto at = reinterpret_cast<const void*>(reinterpret_cast<std::uintptr_t>(field) +
+                                                      Dim * sizeof(T) * (base_[lane] + ahead));
+        if (to_write)
+          __builtin_prefetch(at, 1);
+        else
+          __builtin_prefetch(at);
+      }
+  }
+
+  [[gnu::always_inline]] static Vector vector_of(const std::array<T, Dim>& value) {
+    Vector vector{};
+    for (int c = 0; c < Dim; ++c) vector[c] = value[c];
+    return vector;
+  }
+  /// Of each of three vectors the sum of its three components.
+  [[gnu::always_inline]] static Vector sums_of_three(const Vector (&v)[3]) {
+    const Vector low = __builtin_shufflevector(v[0], v[1], 0, 4, 1, 5);   // x0 y0 x1 y1
+    const Vector high = __builtin_shufflevector(v[0], v[1], 2, 6, 2, 6);  // x2 y2
+    return __builtin_shufflevector(low, v[2], 0, 1, 4, 4) + __builtin_shufflevector(low, v[2], 2, 3, 5, 5) +
+           __builtin_shufflevector(high, v[2], 0, 1, 6, 6);
+  }
+
+  /// Neighbouring sites write to the same corners: one after the other, each would wait until what the one before
+  /// wrote has arrived in the cache. Every fourth one comes later, when it has.
+  void spread_rows(const Vectors& given, int count, T* field) const {
+    Lanes weights[4];
+    for (int lane = 0; lane < kLanes; ++lane) {
+      const T y = fraction_[1][lane], z = fraction_[2][lane];
+      weights[0][lane] = (1 - y) * (1 - z);
+      weights[1][lane] = y * (1 - z);
+      weights[2][lane] = (1 - y) * z;
+      weights[3][lane] = y * z;
+    }
+    prefetch(field, true);
+    const Corners corners(*this);
+    const std::size_t row = corners.row, plane = corners.plane;
+    for (int first = 0; first < kApart; ++first)
+      for (int lane = first; lane < count; lane += kApart) {
+        const typename CellRows<T>::Share share(given[lane], corners.x[lane]);
+        T* const at = field + 3 * std::size_t{corners.base[lane]};
+        share.add(weights[0][lane], at);
+        share.add(weights[1][lane], at + row);
+        share.add(weights[2][lane], at + plane);
+        share.add(weights[3][lane], at + plane + row);
+      }
+  }
+
   [[gnu::always_inline]] void fetch(const T* field, std::array<Lanes, kCorners>& values) const {
     std::array<std::size_t, kCorners> offset{};
     for (int corner = 0; corner < kCorners; ++corner)
@@ -123,6 +294,35 @@ class CellLanes {
 
 template <int Dim, class T>
 using LanePoints = typename CellLanes<Dim, T>::Points;
+
+/// The first `count` vectors of an interleaved field; 0 beyond them.
+template <int Dim, class T>
+[[gnu::always_inline]] inline LaneVectors<T> vectors_of(const T* field, int count) {
+  using Vector = typename CellRows<T>::Vector;
+  LaneVectors<T> vectors;
+  if (count < static_cast<int>(vectors.size())) vectors.fill(Vector{});
+  for (int lane = 0; lane + 1 < count; ++lane)
+    if constexpr (Dim == 3)
+      std::memcpy(&vectors[lane], field + Dim * lane, sizeof(Vector));  // with the first component of the next one
+    else
+      vectors[lane] = Vector{field[Dim * lane], field[Dim * lane + 1]};
+  vectors[count - 1] = Vector{};
+  for (int c = 0; c < Dim; ++c) vectors[count - 1][c] = field[Dim * (count - 1) + c];
+  return vectors;
+}
+/// The same, by component.
+template <int Dim, class T>
+[[gnu::always_inline]] inline LanePoints<Dim, T> by_component(const LaneVectors<T>& vectors) {
+  LanePoints<Dim, T> values;
+  for (int lane = 0; lane < CellLanes<Dim, T>::kLanes; ++lane)
+    for (int c = 0; c < Dim; ++c) values[c][lane] = vectors[lane][c];
+  return values;
+}
+/// Writes one of an interleaved field.
+template <int Dim, class Vector, class T>
+[[gnu::always_inline]] inline void put(const Vector& vector, T* to) {
+  for (int c = 0; c < Dim; ++c) to[c] = vector[c];
+}
 
 /// The first `count` values of an interleaved field, by component; 0 beyond them.
 template <int Dim, class T>

@@ -56,7 +56,7 @@ std::size_t memory_estimate(const ImageGrid<Dim>& fixed, const ImageGrid<Dim>& m
     };
     bytes += planes_between(flow_lattice, level_lattice(image, finest));
     bytes += flow * (2 * nodes * vector        // velocities and their duals
-                     + (nodes + 1) * vector);  // map and its adjoint's work
+                     + nodes * vector);        // map and its dual
     double unknowns = 0, dense = 0, kept = 0;  // momenta, and those of order 0
     // Once for each lattice: where its sites are, with their duals, and the velocity of its scales on the way to and
     // from another lattice. Then for each scale its momenta.

@@ -1,8 +1,13 @@
 #include "core/flow/particle_steps.h"
 
 #include <gtest/gtest.h>
+#include <omp.h>
+
+#include <cmath>
+#include <cstring>
 
 #include "tests/support/finite_differences.h"
+#include "tests/support/many_threads.h"
 #include "tests/support/random_fields.h"
 
 namespace saltus {
@@ -101,6 +106,93 @@ TEST(AdvanceHeun, IsTwoSamplesOneAfterTheOther) {
       advance<3, double>(points, expected.data(), predicted.data(), grid, second.data(), step / 2, expected.data());
       advance_heun<3, double>(points, from, grid, first.data(), second.data(), step, found.data());
       for (std::size_t i = 0; i < d.size(); ++i) ASSERT_NEAR(found[i], expected[i], 1e-14) << i;
+    }
+}
+
+template <int Dim>
+struct HeunScene {
+  Lattice<Dim> points, grid;
+  std::vector<double> d, first, second, dual;
+  double step = -0.7;
+
+  HeunScene(const Lattice<Dim>& of_points, const Lattice<Dim>& of_grid)
+      : points(of_points),
+        grid(of_grid),
+        d(random_values(Dim * points.sites(), 1, 0.6)),
+        first(random_values(Dim * grid.sites(), 2)),
+        second(random_values(Dim * grid.sites(), 3)),
+        dual(random_values(Dim * points.sites(), 4)) {}
+
+  double pairing(const double* from, const std::vector<double>& one, const std::vector<double>& other) const {
+    std::vector<double> out(d.size());
+    advance_heun<Dim, double>(points, from, grid, one.data(), other.data(), step, out.data());
+    return dot(out, dual);
+  }
+};
+
+// Oracles: central differences along random directions of both velocities and of where points come from; what is
+// already in a dual of a velocity stays.
+template <int Dim>
+void expect_adjoint_of_heun(const Lattice<Dim>& points, const Lattice<Dim>& grid, bool at_rest) {
+  const HeunScene<Dim> s(points, grid);
+  const double* from = at_rest ? nullptr : s.d.data();
+  const std::vector<double> before = random_values(s.first.size(), 9);
+  std::vector<double> first_dual = before, second_dual = before, d_dual(s.d.size(), 7.0);
+  advance_heun_adjoint<Dim, double>(s.points, from, s.grid, s.first.data(), s.second.data(), s.step, s.dual.data(),
+                                    first_dual.data(), second_dual.data(), d_dual.data());
+  for (std::size_t i = 0; i < before.size(); ++i) first_dual[i] -= before[i], second_dual[i] -= before[i];
+  const std::vector<double> along_v = random_values(s.first.size(), 5), along_d = random_values(s.d.size(), 6);
+  const auto expect_slope = [](const std::vector<double>& found, const std::vector<double>& along, double slope) {
+    EXPECT_NEAR(dot(found, along), slope, 1e-6 * std::sqrt(dot(found, found) * dot(along, along)));
+  };
+  expect_slope(
+      first_dual, along_v,
+      testing::slope_along([&](const auto& v) { return s.pairing(from, v, s.second); }, s.first, along_v, 1e-7));
+  expect_slope(
+      second_dual, along_v,
+      testing::slope_along([&](const auto& v) { return s.pairing(from, s.first, v); }, s.second, along_v, 1e-7));
+  if (!at_rest)
+    expect_slope(d_dual, along_d,
+                 testing::slope_along([&](const auto& d) { return s.pairing(d.data(), s.first, s.second); }, s.d,
+                                      along_d, 1e-7));
+}
+
+TEST(AdvanceHeun, HasAnAdjoint) {
+  for (const bool at_rest : {false, true}) {
+    expect_adjoint_of_heun<2>(points<2>(), nodes<2>(), at_rest);
+    expect_adjoint_of_heun<2>(points<2>(), points<2>(), at_rest);
+    expect_adjoint_of_heun<3>(points<3>(), nodes<3>(), at_rest);
+    expect_adjoint_of_heun<3>(points<3>(), points<3>(), at_rest);
+    const Lattice<3> thin = {{1, 6, 7}, {1, 1, 1.2}, {}}, flat = {{19, 1, 6}, {1, 1, 1.2}, {}};
+    expect_adjoint_of_heun<3>(points<3>(), thin, at_rest);
+    expect_adjoint_of_heun<3>(flat, flat, at_rest);
+  }
+}
+
+// Oracle: the same bits with one thread, whatever a thread's planes are, where velocities reach far and are no numbers.
+TEST(AdvanceHeun, HasAnAdjointThatDoesNotDependOnTheNumberOfThreads) {
+  const testing::ManyThreads many;
+  const Lattice<3> grid = {{35, 6, 9}, {1, 1, 1}, {}}, other = {{34, 5, 8}, {1.1, 1.2, 1.05}, {0.2, 0, 0.3}};
+  for (const Lattice<3>& points : {grid, other})
+    for (const int what : {0, 1, 2, 3}) {
+      HeunScene<3> s(points, grid);
+      if (what == 2) s.first[3 * 200 + 2] = std::nan("");
+      if (what == 3) s.first[3 * 200 + 2] = 1e300;
+      const auto duals_with = [&](int threads) {
+        omp_set_num_threads(threads);
+        std::vector<double> all(2 * s.first.size() + s.d.size(), 0.25);
+        double* at = all.data();
+        advance_heun_adjoint<3, double>(s.points, what == 1 ? nullptr : s.d.data(), s.grid, s.first.data(),
+                                        s.second.data(), 3 * s.step, s.dual.data(), at, at + s.first.size(),
+                                        at + 2 * s.first.size());
+        return all;
+      };
+      const std::vector<double> alone = duals_with(1);
+      for (const int threads : {2, 3, 7, 16}) {
+        const std::vector<double> together = duals_with(threads);
+        EXPECT_EQ(std::memcmp(together.data(), alone.data(), alone.size() * sizeof(double)), 0)
+            << threads << " threads, " << what;
+      }
     }
 }
 

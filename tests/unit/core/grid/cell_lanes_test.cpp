@@ -5,8 +5,10 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
 #include <limits>
+#include <utility>
 
 namespace saltus {
 namespace {
@@ -59,6 +61,84 @@ void expect_the_same(const Lattice<Dim>& lattice) {
     const auto slopes = expected.template pulled_back_gradient<1>(field.data(), {1.0});
     for (int axis = 0; axis < Dim; ++axis) EXPECT_NEAR(gradient[axis][lane], slopes[axis], 1e-15) << lane;
   }
+}
+
+/// How far apart two vectors are; 0 where neither is a number.
+template <int Dim, class Vector>
+double distance(const Vector& found, const std::array<double, Dim>& expected) {
+  double most = 0;
+  for (int c = 0; c < Dim; ++c)
+    if (!(std::isnan(found[c]) && std::isnan(expected[c]))) most = std::max(most, std::abs(found[c] - expected[c]));
+  return most;
+}
+
+template <int Dim>
+void expect_the_same_vectors(const Lattice<Dim>& lattice, int count) {
+  const std::vector<double> field = random_values(Dim * lattice.sites(), 7);
+  const LanePoints<Dim, double> at = points_around(lattice, 3);
+  CellLanes<Dim, double> cells(lattice);
+  cells.find(at);
+  const std::vector<double> duals = random_values(Dim * 16, 8);
+  const LaneVectors<double> dual = vectors_of<Dim, double>(duals.data(), count);
+  int visits = 0;
+  cells.visit_vectors(field.data(), count, [&](int lane, const auto& value) {
+    ++visits;
+    EXPECT_LT((distance<Dim>(value, cells.cell(lane).template value<Dim>(field.data()))), 1e-14) << lane;
+  });
+  EXPECT_EQ(visits, count);
+  cells.visit_gradients(field.data(), dual, count, [&](int lane, const auto& value, const auto& gradient) {
+    ++visits;
+    std::array<double, Dim> of_lane;
+    std::copy_n(duals.begin() + Dim * lane, Dim, of_lane.begin());
+    EXPECT_LT((distance<Dim>(value, cells.cell(lane).template value<Dim>(field.data()))), 1e-14) << lane;
+    const auto expected = cells.cell(lane).template pulled_back_gradient<Dim>(field.data(), of_lane);
+    EXPECT_LT((distance<Dim>(gradient, expected)), 1e-14) << lane;
+  });
+  EXPECT_EQ(visits, 2 * count);
+  // All lanes, some of them, some planes; no other site is touched (NaN, which the field has where lane 5 points,
+  // apart).
+  LaneMask all, some;
+  for (int lane = 0; lane < 16; ++lane) all[lane] = 1, some[lane] = lane % 3 != 0;
+  all[5] = some[5] = count <= 5;
+  const int planes = lattice.size[Dim - 1];
+  for (const LaneMask& wanted : {all, some})
+    for (const auto& [begin, end] : {std::pair{0, planes}, std::pair{1, planes - 1}}) {
+      std::vector<double> found = field, expected = field;
+      cells.spread(dual, count, wanted, begin, end, found.data());
+      for (int lane = 0; lane < count; ++lane) {
+        std::array<double, Dim> of_lane;
+        std::copy_n(duals.begin() + Dim * lane, Dim, of_lane.begin());
+        if (wanted[lane]) cells.cell(lane).template spread<Dim>(of_lane, begin, end, expected.data());
+      }
+      for (std::size_t i = 0; i < field.size(); ++i) EXPECT_NEAR(found[i], expected[i], 1e-14) << i;
+    }
+}
+
+// Oracle: LinearCell. With all lanes, with fewer, and without the lane whose point is nowhere, so that all are wanted.
+TEST(CellLanes, SampleAndSpreadVectorsAsLinearCellsDo) {
+  for (const int count : {16, 11, 5, 1}) {
+    SCOPED_TRACE(count);
+    expect_the_same_vectors<2>({{9, 7}, {1, 1}, {}}, count);
+    expect_the_same_vectors<2>({{1, 7}, {1, 1}, {}}, count);
+    expect_the_same_vectors<3>({{6, 5, 7}, {1, 1, 1}, {}}, count);
+    expect_the_same_vectors<3>({{6, 1, 7}, {1, 1, 1}, {}}, count);
+    expect_the_same_vectors<3>({{6, 5, 1}, {1, 1, 1}, {}}, count);
+    expect_the_same_vectors<3>({{1, 5, 7}, {1, 1, 1}, {}}, count);
+    expect_the_same_vectors<3>({{1, 1, 1}, {1, 1, 1}, {}}, count);
+  }
+}
+
+// Oracle: the samples themselves, the last ones along each axis as well.
+TEST(CellLanes, OnASampleGiveItsVectorToTheLastBit) {
+  const Lattice<3> lattice{{4, 2, 2}, {1, 1, 1}, {}};
+  const std::vector<double> field = random_values(3 * lattice.sites(), 1);
+  LanePoints<3, double> at{};
+  for (int lane = 0; lane < 16; ++lane) at[0][lane] = lane % 4, at[1][lane] = lane / 4 % 2, at[2][lane] = lane / 8;
+  CellLanes<3, double> cells(lattice);
+  cells.find(at);
+  cells.visit_vectors(field.data(), 16, [&](int lane, const auto& value) {
+    for (int c = 0; c < 3; ++c) EXPECT_EQ(value[c], field[static_cast<std::size_t>(3 * lane + c)]) << lane;
+  });
 }
 
 TEST(CellLanes, AreLinearCellsSideBySide) {

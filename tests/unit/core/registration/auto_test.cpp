@@ -273,9 +273,6 @@ TEST(AutoModel, CountsNarrowWidthsWhereSomethingIsSharp) {
     EXPECT_EQ(finest.narrow_share, kind == PhantomKind::Smooth ? kNarrowShareOfSmooth : 1) << finest.shear_before;
     EXPECT_EQ(finest.shear_before < 4.5, kind == PhantomKind::Smooth);
     if (kind == PhantomKind::Slip) continue;
-    const double found = outcome_of(phantom, options).error_mm;
-    EXPECT_LT(found,
-              outcome_of(phantom, default_options(Model::Sliding, SimilarityType::Lncc, Preset::Balanced)).error_mm);
     // Nobody asks where it is not wanted, nor where first orders are beside it from the start.
     RegistrationOptions whole = options, beside = options;
     whole.momenta.narrow_width_shear = 0;
@@ -285,7 +282,16 @@ TEST(AutoModel, CountsNarrowWidthsWhereSomethingIsSharp) {
       EXPECT_EQ(level.shear_before, -1);
       EXPECT_EQ(level.narrow_share, 1);
     }
-    EXPECT_LT(found, 0.95 * outcome_of(phantom, whole).error_mm);
+    // Of several scenes: one alone may differ by 3 % when sums are rounded otherwise.
+    double found = 0, sliding = 0, as_they_are = 0;
+    for (scene.seed = 1; scene.seed <= 4; ++scene.seed) {
+      const Phantom<3> one = make_phantom<3>(scene);
+      found += outcome_of(one, options).error_mm;
+      sliding += outcome_of(one, default_options(Model::Sliding, SimilarityType::Lncc, Preset::Balanced)).error_mm;
+      as_they_are += outcome_of(one, whole).error_mm;
+    }
+    EXPECT_LT(found, sliding);
+    EXPECT_LT(found, 0.95 * as_they_are);
   }
 }
 
