@@ -460,7 +460,7 @@ const std::vector<Parameter>& parameters() {
           [](O & o) -> auto& { return o.optimisation.noise_tolerance; }),
       integer(
           "history", "", 0, 50,
-          "pairs that L-BFGS keeps; 0: 4 in 3-D, 6 in 2-D, there with ssd and `sliding` or `auto` 20",
+          "pairs that L-BFGS keeps; 0: 4 in 3-D (`wendland1` 2), 6 in 2-D, there with ssd and `sliding` or `auto` 20",
           [](O & o) -> auto& { return o.optimisation.history; }),
   };
   return table;

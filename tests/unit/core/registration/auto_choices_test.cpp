@@ -27,7 +27,7 @@ TEST(AutoChoices, ChoosesWhatDependsOnSimilarityAndDimension) {
       }
       const bool is_sliding = model == Model::Auto || model == Model::Sliding;
       EXPECT_EQ(flat.optimisation.history, is_sliding && similarity == SimilarityType::Ssd ? 20 : 6);
-      EXPECT_EQ(deep.optimisation.history, 4);
+      EXPECT_EQ(deep.optimisation.history, model == Model::Wendland1 ? 2 : 4);
       EXPECT_EQ(flat.momenta.narrow_width_shear, 0);
       const bool asks = model == Model::Auto && similarity == SimilarityType::Lncc;
       EXPECT_EQ(deep.momenta.narrow_width_shear, asks ? 4.5 : 0);
