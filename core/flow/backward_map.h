@@ -16,7 +16,8 @@ class BackwardMap {
   /// psi(x) - x, mm, interleaved. Valid until the next call.
   const Field<T>& follow(const std::vector<Field<T>>& velocities);
 
-  /// Adjoint of the last follow: adds to velocity_duals what `dual` of psi(x) - x (modified) makes of the velocities.
+  /// Adjoint of the last follow: adds to velocity_duals what `dual` of psi(x) - x makes of the velocities; what
+  /// is left in `dual` means nothing.
   void adjoint(const std::vector<Field<T>>& velocities, Field<T>& dual, std::vector<Field<T>>& velocity_duals);
 
  private:

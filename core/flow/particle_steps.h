@@ -141,10 +141,9 @@ void advance_adjoint(const Lattice<Dim>& points, const BlockMask<Dim>& where, co
                       const LaneMask& own) {
                     LaneVectors<T> gradients;
                     gradient_piece<Dim, T>(cells, velocity, given, per_mm, count, gradients);
-                    T* to = at_dual + Dim * first;
-                    const LaneVectors<T> before = vectors_of<Dim, T>(to, count);
+                    T* to = at_dual + Dim * first;  // other threads write those of others
                     for (int lane = 0; lane < count; ++lane)
-                      if (own[lane]) put<Dim>(before[lane] + gradients[lane], to + Dim * lane);
+                      for (int c = 0; c < Dim && own[lane]; ++c) to[Dim * lane + c] += gradients[lane][c];
                   });
 }
 
@@ -176,15 +175,28 @@ std::vector<T> fastest_across(const Lattice<Dim>& lattice, const T* velocity) {
   }
   return fastest;
 }
-/// The planes that points in `reach` may come to with the velocity there, which is `step` times `fastest` at most; all
-/// of them where that is not a number.
+
+/// Whether all displacements of a slab are numbers: a point that is nowhere along one axis has no velocity, and a step
+/// takes it out of the planes that it seems to reach.
+template <int Dim, class T>
+bool is_somewhere(const Lattice<Dim>& points, const T* displacement, int slab) {
+  const std::size_t count = Dim * points.sites() / static_cast<std::size_t>(points.size[Dim - 1]);
+  const T* of_slab = displacement + count * static_cast<std::size_t>(slab);
+  int odd = 0;
+#pragma omp simd reduction(+ : odd)
+  for (std::size_t i = 0; i < count; ++i) odd += of_slab[i] != of_slab[i];
+  return odd == 0;
+}
+
+/// The planes that points in `reach` may come to with the velocity there, which is `step` times `fastest` at most, and
+/// one beside them for what rounding adds; all of them where that is not a number.
 template <class T>
 std::array<int, 2> widened(const std::array<int, 2>& reach, const std::vector<T>& fastest, T step) {
   const int planes = static_cast<int>(fastest.size());
   T most = 0;
   for (int plane = std::max(0, reach[0]); plane <= std::min(planes - 1, reach[1]); ++plane)
     most = std::max(most, step * fastest[static_cast<std::size_t>(plane)]);
-  const int more = most < static_cast<T>(planes) ? static_cast<int>(most) + 1 : planes;
+  const int more = most < static_cast<T>(planes) ? static_cast<int>(most) + 2 : planes;
   return {std::max(0, reach[0] - more), std::min(planes, reach[1] + more)};
 }
 
@@ -206,8 +218,9 @@ void advance_heun_adjoint(const Lattice<Dim>& points, const T* d, const Lattice<
     const std::vector<T> fastest = fastest_across<Dim, T>(velocity_lattice, first);
 #pragma omp parallel for schedule(static)
     for (int slab = 0; slab < slabs; ++slab)
-      reach[static_cast<std::size_t>(slab)] =
-          widened(moved.reach(slab, velocity_lattice), fastest, std::abs(step) * per_mm[Dim - 1]);
+      if (!d || is_somewhere<Dim, T>(points, d, slab))
+        reach[static_cast<std::size_t>(slab)] =
+            widened(moved.reach(slab, velocity_lattice), fastest, std::abs(step) * per_mm[Dim - 1]);
   }
 #pragma omp parallel for schedule(static, 1) if (parts > 1)
   for (int part = 0; part < parts; ++part) {
@@ -222,7 +235,7 @@ void advance_heun_adjoint(const Lattice<Dim>& points, const T* d, const Lattice<
       if (!is_own && (planes_of[0] >= end || planes_of[1] < begin)) continue;
       all.visit_pieces(points, slab, cells.kLanes, [&](const Index<Dim>& index, std::size_t site, int count) {
         LaneVectors<T> given = vectors_of<Dim, T>(dual + Dim * site, count);
-        const LaneVectors<T> after = given;
+        const LaneVectors<T> dual_here = given;
         LanePoints<Dim, T> at = d ? lanes_of<Dim, T>(d + Dim * site, count) : LanePoints<Dim, T>{};
         if (on_samples) {
           v = vectors_of<Dim, T>(first + Dim * site, count);
@@ -236,10 +249,10 @@ void advance_heun_adjoint(const Lattice<Dim>& points, const T* d, const Lattice<
         for (auto& one : given) one *= step / 2;
         mark_nonzero<Dim, T>(given, wanted);
         predicted.spread(given, count, wanted, begin, end, second_dual);
+        if (on_samples && !is_own) return;
         gradient_piece<Dim, T>(predicted, second, given, per_mm, count, gradients);
         for (int lane = 0; lane < count; ++lane) given[lane] += step * gradients[lane];
         if (on_samples) {
-          if (!is_own) return;
           T* to = first_dual + Dim * site;
           const LaneVectors<T> before = vectors_of<Dim, T>(to, count);
           for (int lane = 0; lane < count; ++lane) put<Dim>(before[lane] + given[lane], to + Dim * lane);
@@ -248,10 +261,11 @@ void advance_heun_adjoint(const Lattice<Dim>& points, const T* d, const Lattice<
           cells.spread(given, count, wanted, begin, end, first_dual);
         }
         if (!d_dual || !is_own) return;
-        LaneVectors<T> more{};
-        if (!on_samples) gradient_piece<Dim, T>(cells, first, given, per_mm, count, more);
+        LaneVectors<T> at_start{};
+        if (!on_samples) gradient_piece<Dim, T>(cells, first, given, per_mm, count, at_start);
         T* to = d_dual + Dim * site;
-        for (int lane = 0; lane < count; ++lane) put<Dim>(after[lane] + gradients[lane] + more[lane], to + Dim * lane);
+        for (int lane = 0; lane < count; ++lane)
+          put<Dim>(dual_here[lane] + gradients[lane] + at_start[lane], to + Dim * lane);
       });
     }
   }

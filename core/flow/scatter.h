@@ -157,8 +157,8 @@ void for_cells(const Points& points, const Lattice<Dim>& target, Visit&& visit) 
 /// A thread owns a range of planes (last axis) and passes over the chunks that reach none of them, so each target value
 /// receives its terms in the same order always: the result does not depend on the number of threads.
 ///
-/// visit(first point, how many, their cells, their values, which are the thread's own) for all points, each of which is
-/// one thread's own; a value of who has nothing to add is as `value` left it.
+/// visit(first point, how many, their cells, their values, which are the thread's own) for pieces of which some points
+/// are; each point is one thread's own. A value of who has nothing to add is as `value` left it.
 template <int Dim, class T, class Points, class Value, class Visit>
 void scatter(const Points& points, const Lattice<Dim>& target, Value&& value, T* to, Visit&& visit) {
   const int planes = target.size[Dim - 1], chunks = points.chunks();
@@ -173,8 +173,8 @@ void scatter(const Points& points, const Lattice<Dim>& target, Value&& value, T*
   for (int part = 0; part < parts; ++part) {
     const int begin = planes * part / parts, end = planes * (part + 1) / parts;
     CellLanes<Dim, T> cells(target);
-    LaneVectors<T> values;
-    LaneMask wanted, own;
+    LaneVectors<T> values{};
+    LaneMask wanted{}, own{};
     for (int chunk = 0; chunk < chunks; ++chunk) {
       const std::array<int, 2>& planes_of = reach[static_cast<std::size_t>(chunk)];
       if (planes_of[0] >= end || planes_of[1] < begin) continue;
@@ -185,7 +185,8 @@ void scatter(const Points& points, const Lattice<Dim>& target, Value&& value, T*
 #pragma omp simd
         for (int lane = 0; lane < cells.kLanes; ++lane)
           own[lane] = (cells.plane(lane) >= begin) & (cells.plane(lane) < end);
-        visit(first, count, cells, values, own);
+        if (std::any_of(own.begin(), own.begin() + count, [](int one) { return one != 0; }))
+          visit(first, count, cells, values, own);
       });
     }
   }

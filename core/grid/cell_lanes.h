@@ -16,7 +16,7 @@ namespace saltus {
 template <class T>
 using LaneVectors = std::array<typename CellRows<T>::Vector, 16>;
 
-/// 1 for some of the sites, 0 for the others: as wide as the lanes it is found in.
+/// 1 for some of the sites, 0 for the others and nothing else: as wide as the lanes it is found in.
 using LaneMask = std::array<std::int32_t, 16>;
 
 /// Cells (LinearCell) of neighbouring sites, side by side: where they are, and what a scalar field is there, is worked
@@ -156,7 +156,8 @@ class CellLanes {
   }
 
   /// Transpose of `visit_vectors`: adds `given`, of the first `count` lanes that are in `wanted`, to the corners whose
-  /// index along the last axis is in [begin, end). Every fourth lane comes first, whatever the range is.
+  /// index along the last axis is in [begin, end). Every fourth lane comes first, and what a corner gets is rounded
+  /// alike, whatever the range is; tests hold the compiler to that.
   [[gnu::noinline]] void spread(const Vectors& given, int count, const LaneMask& wanted, int begin, int end,
                                 T* field) const {
     if constexpr (Dim == 3)
@@ -220,10 +221,10 @@ class CellLanes {
   }
 
   /// Rows of a moved lattice are too short for the machine to foresee them. What the next rows of sites will be the
-  /// first to need comes near, and from memory what the next plane of sites will; beyond the field nothing comes.
+  /// first to need comes near, and from memory what the next plane of sites will.
   [[gnu::always_inline]] void prefetch(const T* field, bool to_write = false) const {
     const std::size_t plane = stride_[Dim - 1], row = stride_[1];
-    for (int lane = 0; lane < kLanes; lane += 5)  // a group's vectors lie in four lines at most
+    for (int lane = 0; lane < kLanes; lane += 5)  // where a site has about a cell, four lines hold 16 vectors of float
       for (const std::size_t ahead : {2 * plane + 2 * row, 2 * plane + row, plane + 2 * row}) {
         // As a number: a pointer must not leave its field.
         const auto at = reinterpret_cast<const void*>(reinterpret_cast<std::uintptr_t>(field) +

@@ -4,7 +4,9 @@
 
 #include <cstddef>
 
-#if defined(__AVX512VL__) && defined(__has_builtin)
+// Not with clang, which rounds sums of registers otherwise than those of CellRow: what CellLanes::spread adds would
+// depend on how.
+#if defined(__AVX512VL__) && defined(__has_builtin) && !defined(__clang__)
 #if __has_builtin(__builtin_ia32_loadups256_mask) && __has_builtin(__builtin_ia32_storeups256_mask)
 #define SALTUS_ROWS_IN_REGISTERS
 #endif

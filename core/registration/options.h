@@ -130,8 +130,8 @@ struct RegistrationOptions {
     /// A round without first orders ends when the square of the residual is at most this share of what the images'
     /// noise alone makes of it; 0: does not.
     double noise_tolerance = 0;
-    /// Pairs kept by L-BFGS; 0: 4 in 3-D, and in 2-D 6, of `sliding` and `auto` with ssd 20, as measured
-    /// (core/README.md, "Pairs of L-BFGS").
+    /// Pairs kept by L-BFGS; 0: 4 in 3-D (`Wendland1` 2), and in 2-D 6, of `sliding` and `auto` with ssd 20, as
+    /// measured (core/README.md, "Pairs of L-BFGS").
     int history = 0;
   } optimisation;
 

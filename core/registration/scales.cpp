@@ -55,7 +55,7 @@ double lncc_sparsity(int dimension, Preset preset) {
 
 /// Pairs that L-BFGS keeps; measured, core/README.md, "Pairs of L-BFGS".
 int usual_history(int dimension, Model model, SimilarityType similarity) {
-  // Where every site has first orders a pair takes a fifth of what the images and the map do, and two are as good.
+  // Where every site has first orders a pair takes more than a third of what images and map do; two are as good.
   if (dimension == 3) return model == Model::Wendland1 ? 2 : 4;
   const bool is_sliding = model == Model::Sliding || model == Model::Auto;
   return is_sliding && similarity == SimilarityType::Ssd ? 20 : 6;
