@@ -87,6 +87,21 @@ template <int Dim, class T>
     for (int lane = 0; lane < CellLanes<Dim, T>::kLanes; ++lane) to[c][lane] += factor * values[c][lane];
 }
 
+/// What a step of Heun's rule begins with at `count` sites from `site` on: `first` in these cells, or, where points are
+/// at rest at its own samples (no cells), there. Moves `at`, their displacements by component, by step times that.
+template <int Dim, class T>
+[[gnu::always_inline]] inline LaneVectors<T> predict_piece(const CellLanes<Dim, T>* cells, const T* first,
+                                                           std::size_t site, int count, T step,
+                                                           LanePoints<Dim, T>& at) {
+  LaneVectors<T> v{};
+  if (cells)
+    sample_piece<Dim, T>(*cells, first, count, v);
+  else
+    v = vectors_of<Dim, T>(first + Dim * site, count);
+  add_scaled<Dim, T>(step, by_component<Dim, T>(v), at);
+  return v;
+}
+
 /// One step of Heun's rule: out(x) = d(x) + step/2 (first(x + d(x)) + second(x + d(x) + step * first(x + d(x)))), for
 /// all sites. A null `d` means 0; `out` may be `d`.
 template <int Dim, class T>
@@ -101,14 +116,8 @@ void advance_heun(const Lattice<Dim>& points, const T* d, const Lattice<Dim>& ve
     all.visit_pieces(points, slab, cells.kLanes, [&](const Index<Dim>& index, std::size_t site, int count) {
       const LaneVectors<T> from = d ? vectors_of<Dim, T>(d + Dim * site, count) : LaneVectors<T>{};
       LanePoints<Dim, T> at = by_component<Dim, T>(from);
-      LaneVectors<T> v{};
-      if (on_samples) {
-        v = vectors_of<Dim, T>(first + Dim * site, count);
-      } else {
-        cells.find(placed<Dim, T>(place, index, at));
-        sample_piece<Dim, T>(cells, first, count, v);
-      }
-      add_scaled<Dim, T>(step, by_component<Dim, T>(v), at);
+      if (!on_samples) cells.find(placed<Dim, T>(place, index, at));
+      const LaneVectors<T> v = predict_piece<Dim, T>(on_samples ? nullptr : &cells, first, site, count, step, at);
       cells.find(placed<Dim, T>(place, index, at));
       const T half = step / 2;
       T* to = out + Dim * site;
@@ -202,7 +211,8 @@ std::array<int, 2> widened(const std::array<int, 2>& reach, const std::vector<T>
 
 /// Adjoint of advance_heun with respect to both velocities and to `d`: with the dual of `out`, adds to the duals of the
 /// velocities and writes that of `d` (null: not), which is not `dual`. As in `scatter` a thread owns a range of planes
-/// of the velocities, and besides its share of the slabs of points, whose duals it writes.
+/// of the velocities, and besides its share of the slabs of points, whose duals it writes. Where `dual` is 0 nothing is
+/// looked at: it may be no number.
 template <int Dim, class T>
 void advance_heun_adjoint(const Lattice<Dim>& points, const T* d, const Lattice<Dim>& velocity_lattice, const T* first,
                           const T* second, T step, const T* dual, T* first_dual, T* second_dual, T* d_dual) {
@@ -227,7 +237,7 @@ void advance_heun_adjoint(const Lattice<Dim>& points, const T* d, const Lattice<
     const int begin = planes * part / parts, end = planes * (part + 1) / parts;
     const int own_begin = slabs * part / parts, own_end = slabs * (part + 1) / parts;
     CellLanes<Dim, T> cells(velocity_lattice), predicted(velocity_lattice);
-    LaneVectors<T> v{}, gradients{};
+    LaneVectors<T> gradients{};
     LaneMask wanted;
     for (int slab = 0; slab < slabs; ++slab) {
       const bool is_own = own_begin <= slab && slab < own_end;
@@ -236,14 +246,14 @@ void advance_heun_adjoint(const Lattice<Dim>& points, const T* d, const Lattice<
       all.visit_pieces(points, slab, cells.kLanes, [&](const Index<Dim>& index, std::size_t site, int count) {
         LaneVectors<T> given = vectors_of<Dim, T>(dual + Dim * site, count);
         const LaneVectors<T> dual_here = given;
-        LanePoints<Dim, T> at = d ? lanes_of<Dim, T>(d + Dim * site, count) : LanePoints<Dim, T>{};
-        if (on_samples) {
-          v = vectors_of<Dim, T>(first + Dim * site, count);
-        } else {
-          cells.find(placed<Dim, T>(place, index, at));
-          sample_piece<Dim, T>(cells, first, count, v);
+        mark_nonzero<Dim, T>(given, wanted);
+        if (std::none_of(wanted.begin(), wanted.begin() + count, [](int one) { return one != 0; })) {
+          if (d_dual && is_own) std::fill_n(d_dual + Dim * site, Dim * count, T(0));
+          return;
         }
-        add_scaled<Dim, T>(step, by_component<Dim, T>(v), at);
+        LanePoints<Dim, T> at = d ? lanes_of<Dim, T>(d + Dim * site, count) : LanePoints<Dim, T>{};
+        if (!on_samples) cells.find(placed<Dim, T>(place, index, at));
+        predict_piece<Dim, T>(on_samples ? nullptr : &cells, first, site, count, step, at);
         predicted.find(placed<Dim, T>(place, index, at));
 
         for (auto& one : given) one *= step / 2;

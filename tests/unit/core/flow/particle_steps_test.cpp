@@ -243,6 +243,18 @@ TEST(AdvanceHeun, HasAnAdjointThatKnowsWhereRoundingLeads) {
       }
 }
 
+// Where nothing is compared points may be nowhere. Oracle: the same with all points somewhere, to the last bit.
+TEST(AdvanceHeun, HasAnAdjointThatDoesNotLookWhereThereIsNoDual) {
+  const testing::ManyThreads many;
+  HeunScene<3> s({{35, 6, 9}, {1, 1, 1}, {}}, {{35, 6, 9}, {1, 1, 1}, {}});
+  constexpr std::size_t row = 3 * 35 * (6 * 4 + 2), end = row + 3 * 35;
+  std::fill(s.dual.begin() + row, s.dual.begin() + end, 0.0);
+  const std::vector<float> expected = duals_of_heun<float>(s, false, 1);
+  for (std::size_t i = row; i < end; ++i) EXPECT_EQ(expected[2 * s.first.size() + i], 0) << i;
+  std::fill(s.d.begin() + row, s.d.begin() + end, std::nan(""));
+  for (const int threads : {1, 3}) EXPECT_EQ(duals_of_heun<float>(s, false, threads), expected) << threads;
+}
+
 // What is compiled for float has registers of its own. Oracle: the same in double.
 TEST(AdvanceHeun, IsTheSameInSinglePrecision) {
   for (const bool at_rest : {false, true}) {

@@ -1,0 +1,31 @@
+#pragma once
+
+#include "core/grid/cell_lanes.h"
+
+#include "tests/support/random_fields.h"
+
+#include <cmath>
+#include <limits>
+#include <vector>
+
+namespace saltus::testing {
+
+/// Points inside, on samples, on both borders, beyond them and nowhere.
+template <int Dim>
+inline LanePoints<Dim, double> points_around(const Lattice<Dim>& lattice, unsigned seed) {
+  LanePoints<Dim, double> at;
+  const std::vector<double> values = random_values(Dim * 16, seed, 0.7);
+  for (int axis = 0; axis < Dim; ++axis) {
+    const double last = lattice.size[axis] - 1;
+    for (int lane = 0; lane < 16; ++lane) at[axis][lane] = last / 2 + last * values[Dim * lane + axis];
+    at[axis][0] = 0;
+    at[axis][1] = last;
+    at[axis][2] = std::floor(last / 2);
+    at[axis][3] = -2.5;
+    at[axis][4] = last + 3;
+  }
+  at[0][5] = std::numeric_limits<double>::quiet_NaN();
+  return at;
+}
+
+}  // namespace saltus::testing
