@@ -2,12 +2,14 @@
 
 #include "core/grid/cell_rows.h"
 #include "core/grid/interpolation.h"
+#include "core/support/registers.h"
 
 #include <algorithm>
 #include <array>
 #include <cstddef>
 #include <cstdint>
 #include <cstring>
+#include <utility>
 
 namespace saltus {
 
@@ -31,6 +33,22 @@ class CellLanes {
   using Points = std::array<Lanes, Dim>;  ///< by axis
   using Vector = typename CellRows<T>::Vector;
   using Vectors = LaneVectors<T>;
+
+  /// The first `count` values, 0 beyond them; and where they go back to. All at once where they fill the lanes.
+  [[gnu::always_inline]] static Lanes first_lanes(const T* from, int count) {
+    Lanes values{};
+    if (count == kLanes)
+      std::memcpy(values.data(), from, sizeof values);
+    else
+      std::copy_n(from, count, values.begin());
+    return values;
+  }
+  [[gnu::always_inline]] static void put_first(const Lanes& values, int count, T* to) {
+    if (count == kLanes)
+      std::memcpy(to, values.data(), sizeof values);
+    else
+      std::copy_n(values.begin(), count, to);
+  }
 
   /// Cells of a lattice of fewer than 2^32 sites.
   explicit CellLanes(const Lattice<Dim>& lattice) {
@@ -274,11 +292,38 @@ class CellLanes {
       }
   }
 
+  /// Two values that are neighbours, as one of their size together.
+  using Pair = double;
+  static constexpr int kPairs = static_cast<int>(kRegisterLanes<Pair>);
+  template <int... Lane>
+  [[gnu::always_inline]] Register<T> pairs(const T* field, int first, std::integer_sequence<int, Lane...>) const {
+    const auto pair = [&](int lane) __attribute__((always_inline)) {
+      Pair two;
+      std::memcpy(&two, field + base_[first + lane], sizeof two);
+      return two;
+    };
+    return (Register<T>)Register<Pair>{pair(Lane)...};
+  }
+
   [[gnu::always_inline]] void fetch(const T* field, std::array<Lanes, kCorners>& values) const {
     std::array<std::size_t, kCorners> offset{};
     for (int corner = 0; corner < kCorners; ++corner)
       for (int axis = 0; axis < Dim; ++axis)
         if ((corner >> axis & 1) && last_[axis] > 0) offset[corner] += stride_[axis];
+    // Values that a register is put together from one by one go through memory. Two of a row are one load, and there
+    // are half as many.
+    if constexpr (2 * sizeof(T) == sizeof(Pair))
+      if (last_[0] > 0) {
+        constexpr std::make_integer_sequence<int, kPairs> lanes;
+        for (int corner = 0; corner < kCorners; corner += 2)
+          for (int lane = 0; lane < kLanes; lane += 2 * kPairs) {
+            const Register<T> low = pairs(field + offset[corner], lane, lanes),
+                              high = pairs(field + offset[corner], lane + kPairs, lanes);
+            store<T>(every_second<0, T>(low, high), values[corner].data() + lane);
+            store<T>(every_second<1, T>(low, high), values[corner + 1].data() + lane);
+          }
+        return;
+      }
     for (int lane = 0; lane < kLanes; ++lane) {
       const T* at = field + base_[lane];
 #pragma GCC unroll 8
@@ -328,10 +373,34 @@ template <int Dim, class Vector, class T>
 /// The first `count` values of an interleaved field, by component; 0 beyond them.
 template <int Dim, class T>
 [[gnu::always_inline]] inline LanePoints<Dim, T> lanes_of(const T* field, int count) {
+  constexpr int lanes = CellLanes<Dim, T>::kLanes, step = static_cast<int>(kRegisterLanes<T>);
   LanePoints<Dim, T> values{};
+  if (count == lanes) {
+    for (int lane = 0; lane < lanes; lane += step) {
+      Register<T> components[Dim];
+      Interleaved<Dim, T>::load(field + Dim * lane, components);
+      for (int c = 0; c < Dim; ++c) store<T>(components[c], values[c].data() + lane);
+    }
+    return values;
+  }
   for (int lane = 0; lane < count; ++lane)
     for (int c = 0; c < Dim; ++c) values[c][lane] = field[Dim * lane + c];
   return values;
+}
+/// Writes them.
+template <int Dim, class T>
+[[gnu::always_inline]] inline void put_lanes(const LanePoints<Dim, T>& values, int count, T* field) {
+  constexpr int lanes = CellLanes<Dim, T>::kLanes, step = static_cast<int>(kRegisterLanes<T>);
+  if (count == lanes) {
+    for (int lane = 0; lane < lanes; lane += step) {
+      Register<T> components[Dim];
+      for (int c = 0; c < Dim; ++c) components[c] = load(values[c].data() + lane);
+      Interleaved<Dim, T>::store(components, field + Dim * lane);
+    }
+    return;
+  }
+  for (int lane = 0; lane < count; ++lane)
+    for (int c = 0; c < Dim; ++c) field[Dim * lane + c] = values[c][lane];
 }
 
 /// What SitePlacement says of the sites from `index` on along x, with displacements `mm`.

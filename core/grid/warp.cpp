@@ -45,7 +45,30 @@ struct PointMap {
     }
     return at;
   }
+
+  /// Gradients by index coordinates as those by mm of the displacement.
+  [[gnu::always_inline]] LanePoints<Dim, T> turned_back(const LanePoints<Dim, T>& gradient) const {
+    LanePoints<Dim, T> turned;
+    for (int col = 0; col < Dim; ++col)
+#pragma omp simd
+      for (int lane = 0; lane < kLanes<Dim, T>; ++lane) {
+        T along = 0;
+        for (int row = 0; row < Dim; ++row) along += turn[row][col] * gradient[row][lane];
+        turned[col][lane] = along;
+      }
+    return turned;
+  }
 };
+
+/// Of sites side by side, each by its own factor. Not a product with 0: what counts for nothing need not be a number.
+template <int Dim, class T>
+[[gnu::always_inline]] inline void scale_by(const T* factors, int count, LanePoints<Dim, T>& values) {
+  const Lanes<Dim, T> factor = CellLanes<Dim, T>::first_lanes(factors, count);
+  for (int col = 0; col < Dim; ++col)
+#pragma omp simd
+    for (int lane = 0; lane < kLanes<Dim, T>; ++lane)
+      values[col][lane] = factor[lane] == T(0) ? T(0) : factor[lane] * values[col][lane];
+}
 
 /// A thread's planes of a displacement, one after the other.
 template <int Dim, class T>
@@ -63,14 +86,17 @@ class PlaneAtHand {
     displacement_.to_sites->take_plane(displacement_.field, plane, scratch_, own_.data());
     return own_.data();
   }
-  /// Where interpolated planes lie.
-  T* own() { return own_.data(); }
+  /// Another one.
+  T* other() {
+    other_.resize(scalars_);
+    return other_.data();
+  }
   typename LatticeInterpolation<Dim, T>::Scratch& scratch() { return scratch_; }
 
  private:
   const Displacement<Dim, T>& displacement_;
   const std::size_t scalars_;
-  std::vector<T> own_;
+  std::vector<T> own_, other_;
   typename LatticeInterpolation<Dim, T>::Scratch scratch_;
 };
 
@@ -91,7 +117,7 @@ void for_planes(const Lattice<Dim>& points, const Displacement<Dim, T>& displace
 
 template <int Dim, class T>
 void warp(const FramedImage<Dim, T>& image, const Lattice<Dim>& points, const Displacement<Dim, T>& displacement,
-          T* out) {
+          T* out, T* slopes) {
   const PointMap<Dim, T> map(image, points);
   const auto all = BlockMask<Dim>::all(points);
   for_planes(points, displacement, [&](int plane, std::size_t first, PlaneAtHand<Dim, T>& at_hand) {
@@ -100,54 +126,81 @@ void warp(const FramedImage<Dim, T>& image, const Lattice<Dim>& points, const Di
     all.visit_pieces(points, plane, kLanes<Dim, T>, [&](const Index<Dim>& index, std::size_t site, int count) {
       const LanePoints<Dim, T> mm = lanes_of<Dim, T>(mm_of_plane + Dim * (site - first), count);
       cells.find(map(index, mm));
-      const Lanes<Dim, T> values = cells.value(image.samples.data());
-      std::copy_n(values.begin(), count, out + site);
+      Lanes<Dim, T> values;
+      if (slopes) {
+        LanePoints<Dim, T> gradient;
+        values = cells.value(image.samples.data(), &gradient);
+        put_lanes<Dim, T>(map.turned_back(gradient), count, slopes + Dim * site);
+      } else {
+        values = cells.value(image.samples.data());
+      }
+      CellLanes<Dim, T>::put_first(values, count, out + site);
     });
   });
 }
 
 template <int Dim, class T>
+void warp_adjoint(const T* dual, const T* slopes, const Lattice<Dim>& points, LatticeInterpolation<Dim, T>* to_sites,
+                  T* displacement_dual) {
+  const Displacement<Dim, T> interpolated{nullptr, to_sites};
+  if (to_sites) to_sites->begin_transpose();
+  for_planes(points, interpolated, [&](int plane, std::size_t first, PlaneAtHand<Dim, T>& at_hand) {
+    const std::size_t sites = points.sites() / static_cast<std::size_t>(points.size[Dim - 1]);
+    T* plane_dual = to_sites ? at_hand.other() : displacement_dual + Dim * first;
+    for (std::size_t site = 0; site < sites; site += kLanes<Dim, T>) {
+      const int count = static_cast<int>(std::min<std::size_t>(kLanes<Dim, T>, sites - site));
+      LanePoints<Dim, T> values = lanes_of<Dim, T>(slopes + Dim * (first + site), count);
+      scale_by<Dim, T>(dual + first + site, count, values);
+      put_lanes<Dim, T>(values, count, plane_dual + Dim * site);
+    }
+    if (to_sites) to_sites->transpose_plane(plane_dual, plane, at_hand.scratch());
+  });
+  if (to_sites) to_sites->finish_transpose(displacement_dual);
+}
+
+template <int Dim, class T>
 void warp_adjoint(const std::vector<WarpedDual<Dim, T>>& warped, const Lattice<Dim>& points,
                   const Displacement<Dim, T>& displacement, T* displacement_dual) {
-  std::vector<PointMap<Dim, T>> maps;
-  for (const WarpedDual<Dim, T>& one : warped) maps.emplace_back(*one.image, points);
   const auto all = BlockMask<Dim>::all(points);
+  const std::size_t scalars = Dim * points.sites() / static_cast<std::size_t>(points.size[Dim - 1]);
   LatticeInterpolation<Dim, T>* to_sites = displacement.to_sites;
   if (to_sites) to_sites->begin_transpose();
   for_planes(points, displacement, [&](int plane, std::size_t first, PlaneAtHand<Dim, T>& at_hand) {
     const T* mm_of_plane = at_hand.take(plane);
-    T* plane_dual = to_sites ? at_hand.own() : displacement_dual + Dim * first;
-    all.visit_pieces(points, plane, kLanes<Dim, T>, [&](const Index<Dim>& index, std::size_t site, int count) {
-      const LanePoints<Dim, T> mm = lanes_of<Dim, T>(mm_of_plane + Dim * (site - first), count);
-      LanePoints<Dim, T> sum{}, gradient;
-      for (std::size_t i = 0; i < maps.size(); ++i) {
-        Lanes<Dim, T> dual{};
-        std::copy_n(warped[i].dual + site, count, dual.begin());
-        if (std::all_of(dual.begin(), dual.end(), [](T value) { return value == T(0); })) continue;
-        CellLanes<Dim, T> cells(warped[i].image->lattice);
-        cells.find(maps[i](index, mm));
-        cells.value(warped[i].image->samples.data(), &gradient);
+    T* plane_dual = at_hand.other();
+    std::fill_n(plane_dual, scalars, T(0));
+    for (const WarpedDual<Dim, T>& one : warped) {
+      const PointMap<Dim, T> map(*one.image, points);
+      const T *dual = one.dual, *samples = one.image->samples.data();
+      CellLanes<Dim, T> cells(one.image->lattice);
+      all.visit_pieces(points, plane, kLanes<Dim, T>, [&](const Index<Dim>& index, std::size_t site, int count) {
+        const LanePoints<Dim, T> mm = lanes_of<Dim, T>(mm_of_plane + Dim * (site - first), count);
+        cells.find(map(index, mm));
+        LanePoints<Dim, T> gradient;
+        cells.value(samples, &gradient);
+        LanePoints<Dim, T> values = map.turned_back(gradient);
+        scale_by<Dim, T>(dual + site, count, values);
+        T* to = plane_dual + Dim * (site - first);
+        LanePoints<Dim, T> sum = lanes_of<Dim, T>(to, count);
+        for (int col = 0; col < Dim; ++col)
 #pragma omp simd
-        for (int lane = 0; lane < kLanes<Dim, T>; ++lane)
-          for (int col = 0; col < Dim; ++col) {
-            T along = 0;
-            for (int row = 0; row < Dim; ++row) along += maps[i].turn[row][col] * gradient[row][lane];
-            // Not a product with 0: what counts for nothing need not be a number.
-            sum[col][lane] += dual[lane] == T(0) ? T(0) : dual[lane] * along;
-          }
-      }
-      T* out = plane_dual + Dim * (site - first);
-      for (int lane = 0; lane < count; ++lane)
-        for (int col = 0; col < Dim; ++col) out[Dim * lane + col] = sum[col][lane];
-    });
-    if (to_sites) to_sites->transpose_plane(plane_dual, plane, at_hand.scratch());
+          for (int lane = 0; lane < kLanes<Dim, T>; ++lane) sum[col][lane] += values[col][lane];
+        put_lanes<Dim, T>(sum, count, to);
+      });
+    }
+    if (to_sites)
+      to_sites->transpose_plane(plane_dual, plane, at_hand.scratch());
+    else
+      std::copy_n(plane_dual, scalars, displacement_dual + Dim * first);
   });
   if (to_sites) to_sites->finish_transpose(displacement_dual);
 }
 
 #define SALTUS_WARP(DIM, TYPE)                                                                                      \
   template void warp<DIM, TYPE>(const FramedImage<DIM, TYPE>&, const Lattice<DIM>&, const Displacement<DIM, TYPE>&, \
-                                TYPE*);                                                                             \
+                                TYPE*, TYPE*);                                                                      \
+  template void warp_adjoint<DIM, TYPE>(const TYPE*, const TYPE*, const Lattice<DIM>&,                              \
+                                        LatticeInterpolation<DIM, TYPE>*, TYPE*);                                   \
   template void warp_adjoint<DIM, TYPE>(const std::vector<WarpedDual<DIM, TYPE>>&, const Lattice<DIM>&,             \
                                         const Displacement<DIM, TYPE>&, TYPE*);
 SALTUS_WARP(2, float)

@@ -23,14 +23,22 @@ struct Displacement {
   LatticeInterpolation<Dim, T>* to_sites = nullptr;
 };
 
-/// out(x) = image(x + u(x)) at the sites of `points`, linear; beyond the image the border's value is used.
+/// out(x) = image(x + u(x)) at the sites of `points`, linear; beyond the image the border's value is used. `slopes`,
+/// where it is not null: the derivative of out(x) by u(x), 1/mm, interleaved.
 template <int Dim, class T>
 void warp(const FramedImage<Dim, T>& image, const Lattice<Dim>& points, const Displacement<Dim, T>& displacement,
-          T* out);
+          T* out, T* slopes = nullptr);
 template <int Dim, class T>
-void warp(const FramedImage<Dim, T>& image, const Lattice<Dim>& points, const T* displacement, T* out) {
-  warp<Dim, T>(image, points, Displacement<Dim, T>{displacement}, out);
+void warp(const FramedImage<Dim, T>& image, const Lattice<Dim>& points, const T* displacement, T* out,
+          T* slopes = nullptr) {
+  warp<Dim, T>(image, points, Displacement<Dim, T>{displacement}, out, slopes);
 }
+
+/// The adjoint of `warp`, for the field that the displacement is made of (`to_sites` as there, null where it lies at
+/// the sites): displacement_dual = dual * slopes. Without `to_sites` it may be `slopes` itself.
+template <int Dim, class T>
+void warp_adjoint(const T* dual, const T* slopes, const Lattice<Dim>& points, LatticeInterpolation<Dim, T>* to_sites,
+                  T* displacement_dual);
 
 /// What a warped image's derivative is: dual(x) for image(x + u(x)).
 template <int Dim, class T>

@@ -11,9 +11,9 @@ namespace saltus {
 
 template <int Dim, class T>
 void warp_level(const MatchingLevel<Dim, T>& level, const Displacement<Dim, T>& displacement, Field<T>& warped,
-                Field<T>& weights) {
+                Field<T>& weights, T* slopes) {
   warped.resize(level.lattice.sites());
-  warp<Dim, T>(level.moving, level.lattice, displacement, warped.data());
+  warp<Dim, T>(level.moving, level.lattice, displacement, warped.data(), slopes);
   if (level.moving_weights.samples.empty()) {
     weights.assign(level.fixed_weights.begin(), level.fixed_weights.end());
     return;
@@ -40,7 +40,10 @@ MatchingObjective<Dim, T>::MatchingObjective(std::vector<MomentumScale<Dim, T>*>
   image_dual_.resize(sites);
   map_dual_.resize(Dim * flow_.sites());
   velocity_duals_.assign(shooting_.nodes(), Field<T>(Dim * flow_.sites()));
-  if (!level.moving_weights.samples.empty()) weight_dual_.resize(sites);
+  if (!level.moving_weights.samples.empty())
+    weight_dual_.resize(sites);
+  else if (!to_level_.is_identity())
+    slopes_.resize(Dim * sites);
   warp_level<Dim, T>(level, {}, warped_, weights_);  // at rest
   similarity_->prepare(level.fixed.data(), warped_.data(), weights_.empty() ? nullptr : weights_.data());
 }
@@ -97,7 +100,7 @@ Evaluation MatchingObjective<Dim, T>::evaluate(const std::vector<T>& x, std::vec
     parts_.regularisation += scales_[s]->penalty_of_velocity(momenta[s].zeroth, velocity, gradients[s].zeroth);
   });
   const Displacement<Dim, T> displacement = on_level(map_.follow(shooting_.velocities()));
-  warp_level<Dim, T>(level_, displacement, warped_, weights_);
+  warp_level<Dim, T>(level_, displacement, warped_, weights_, slopes());
   const T* weights = weights_.empty() ? nullptr : weights_.data();
   parts_.similarity =
       level_.similarity_weight * similarity_->evaluate(level_.fixed.data(), warped_.data(), weights, image_dual_.data(),
@@ -112,7 +115,7 @@ Evaluation MatchingObjective<Dim, T>::evaluate(const std::vector<T>& x, std::vec
       parts_.regularisation += add_divergence_penalty<Dim, T>(
           flow_, shooting_.velocities()[k].data(), level_.divergence_weight * share, velocity_duals_[k].data());
     }
-  pull_back(warped_duals(image_dual_, weight_dual_), displacement, momenta, gradients, scaled);
+  pull_back(image_dual_, weight_dual_, displacement, momenta, gradients, scaled);
   set_.finish_gradient(gradient);
   const double energy = parts_.similarity + parts_.regularisation;
   return {energy, std::isfinite(energy)};
@@ -128,22 +131,27 @@ void MatchingObjective<Dim, T>::scale_duals(Field<T>& image_dual, Field<T>& weig
     weight_dual[i] *= weight * (level_.fixed_weights.empty() ? T(1) : level_.fixed_weights[i]);
 }
 
+/// Where the warped image's slopes are kept until its dual is known: corners of cells are then fetched once. Where
+/// images and flow share a lattice, what follows has room for them. Null where the moving image has weights: those of
+/// both would be more than all the rest of a level.
 template <int Dim, class T>
-std::vector<WarpedDual<Dim, T>> MatchingObjective<Dim, T>::warped_duals(const Field<T>& image_dual,
-                                                                        const Field<T>& weight_dual) const {
-  std::vector<WarpedDual<Dim, T>> duals = {{&level_.moving, image_dual.data()}};
-  if (!weight_dual.empty()) duals.push_back({&level_.moving_weights, weight_dual.data()});
-  return duals;
+T* MatchingObjective<Dim, T>::slopes() {
+  if (!weight_dual_.empty()) return nullptr;
+  return (slopes_.empty() ? map_dual_ : slopes_).data();
 }
 
-/// Adds to the gradients of the momenta what images and, as they are, velocity_duals_ ask for.
+/// Adds to the gradients of the momenta what images, just warped, and, as they are, velocity_duals_ ask for.
 template <int Dim, class T>
-void MatchingObjective<Dim, T>::pull_back(const std::vector<WarpedDual<Dim, T>>& duals,
+void MatchingObjective<Dim, T>::pull_back(const Field<T>& image_dual, const Field<T>& weight_dual,
                                           const Displacement<Dim, T>& displacement,
                                           const std::vector<MomentumPointers<T>>& momenta,
                                           const std::vector<MomentumTargets<T>>& gradients,
                                           const std::vector<MomentumTargets<T>>& scaled) {
-  warp_adjoint<Dim, T>(duals, level_.lattice, displacement, map_dual_.data());
+  if (const T* slopes = this->slopes())
+    warp_adjoint<Dim, T>(image_dual.data(), slopes, level_.lattice, displacement.to_sites, map_dual_.data());
+  else
+    warp_adjoint<Dim, T>({{&level_.moving, image_dual.data()}, {&level_.moving_weights, weight_dual.data()}},
+                         level_.lattice, displacement, map_dual_.data());
   map_.adjoint(shooting_.velocities(), map_dual_, velocity_duals_);
   shooting_.adjoint(momenta, velocity_duals_, gradients, scaled);
 }
@@ -172,8 +180,9 @@ bool MatchingObjective<Dim, T>::noise_gradient(const std::vector<T>& x, std::vec
       std::fill_n(gradients[s].oriented, oriented->kComponents * momenta[s].elements->size(), T(0));
   }
   for (Field<T>& velocity_dual : velocity_duals_) BlockMask<Dim>::all(flow_).clear(flow_, Dim, velocity_dual.data());
-  pull_back(warped_duals(image_dual, weight_dual), on_level(map_.follow(shooting_.velocities())), momenta, gradients,
-            set_.dense_targets(preconditioned));
+  const Displacement<Dim, T> displacement = on_level(map_.follow(shooting_.velocities()));
+  if (slopes()) warp_level<Dim, T>(level_, displacement, warped_, weights_, slopes());  // the gradient has taken them
+  pull_back(image_dual, weight_dual, displacement, momenta, gradients, set_.dense_targets(preconditioned));
   set_.finish_gradient(gradient);
   return true;
 }
@@ -227,8 +236,10 @@ std::vector<double> MatchingObjective<Dim, T>::hamiltonians(const std::vector<T>
   return shooting_.hamiltonians(set_.pointers(x));
 }
 
-template void warp_level(const MatchingLevel<2, float>&, const Displacement<2, float>&, Field<float>&, Field<float>&);
-template void warp_level(const MatchingLevel<3, float>&, const Displacement<3, float>&, Field<float>&, Field<float>&);
+template void warp_level(const MatchingLevel<2, float>&, const Displacement<2, float>&, Field<float>&, Field<float>&,
+                         float*);
+template void warp_level(const MatchingLevel<3, float>&, const Displacement<3, float>&, Field<float>&, Field<float>&,
+                         float*);
 template class MatchingObjective<2, float>;
 template class MatchingObjective<3, float>;
 template class MatchingObjective<2, double>;

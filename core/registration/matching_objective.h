@@ -35,10 +35,11 @@ struct MatchingLevel {
   Evolution evolution = Evolution::Exact;
 };
 
-/// The moving image and the weights (both masks; empty without masks) on the level's lattice, after `displacement`.
+/// The moving image and the weights (both masks; empty without masks) on the level's lattice, after `displacement`, and
+/// the image's `slopes` where they are not null (see warp).
 template <int Dim, class T>
 void warp_level(const MatchingLevel<Dim, T>& level, const Displacement<Dim, T>& displacement, Field<T>& warped,
-                Field<T>& weights);
+                Field<T>& weights, T* slopes = nullptr);
 
 /// E(m) = weight * E_S(I0 o psi_1, I1) + sum over scales and orders of 1/2 ||v_i(0)||^2 + divergence penalty, with its
 /// exact discrete gradient. What of m there is, and where it lies in x, is said by working_set.h.
@@ -94,8 +95,8 @@ class MatchingObjective final : public Objective<T> {
  private:
   Displacement<Dim, T> on_level(const Field<T>& field);
   void scale_duals(Field<T>& image_dual, Field<T>& weight_dual) const;
-  std::vector<WarpedDual<Dim, T>> warped_duals(const Field<T>& image_dual, const Field<T>& weight_dual) const;
-  void pull_back(const std::vector<WarpedDual<Dim, T>>& duals, const Displacement<Dim, T>& displacement,
+  T* slopes();
+  void pull_back(const Field<T>& image_dual, const Field<T>& weight_dual, const Displacement<Dim, T>& displacement,
                  const std::vector<MomentumPointers<T>>& momenta, const std::vector<MomentumTargets<T>>& gradients,
                  const std::vector<MomentumTargets<T>>& scaled);
 
@@ -113,6 +114,7 @@ class MatchingObjective final : public Objective<T> {
   Field<T> warped_, weights_;
   Field<T> image_dual_, weight_dual_;  ///< of the moving image and of its weights (empty: it has none), warped
   Field<T> map_dual_;                  ///< on the flow's lattice
+  Field<T> slopes_;                    ///< see slopes(); empty where another field has room for them
   std::vector<Field<T>> velocity_duals_;
 };
 

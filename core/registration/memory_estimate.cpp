@@ -46,8 +46,11 @@ std::size_t memory_estimate(const ImageGrid<Dim>& fixed, const ImageGrid<Dim>& m
     double kept;  ///< momenta of the result, and that list
   };
   const auto round_of = [&](bool smooth) {
-    double bytes = level * (8 * scalar + similarity);  // images, weights, duals
     const Lattice<Dim> flow_lattice = level_lattice(image, smooth ? finest + coarsening : finest);
+    // Both images, the warped one and its dual; weights of the fixed one and of both; either those of the moving one
+    // and a dual, or the warped image's slopes, which elsewhere have the room of another field.
+    const int slopes = flow_lattice == level_lattice(image, finest) ? 0 : Dim;
+    double bytes = level * ((6 + std::max(2, slopes)) * scalar + similarity);
     const double flow = static_cast<double>(flow_lattice.sites());
     // Planes on the way from a coarser lattice, see LatticeInterpolation.
     const auto planes_between = [&](const Lattice<Dim>& coarse, const Lattice<Dim>& fine) {

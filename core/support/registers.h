@@ -132,6 +132,80 @@ template <int Half, class T>
   return doubled_lanes<Half, T>(values, std::make_integer_sequence<int, static_cast<int>(kRegisterLanes<T>)>());
 }
 
+/// What of interleaved vectors a register holds, and where that goes: `Of` tells the lane of `low` and `high`, one
+/// after the other, that each lane takes.
+template <class Of, class T, int... Lane>
+[[gnu::always_inline]] inline Register<T> picked_lanes(const Register<T>& low, const Register<T>& high,
+                                                       std::integer_sequence<int, Lane...>) {
+  return __builtin_shufflevector(low, high, (Of::of(Lane))...);
+}
+template <class Of, class T>
+[[gnu::always_inline]] inline Register<T> picked(const Register<T>& low, const Register<T>& high) {
+  return picked_lanes<Of, T>(low, high, std::make_integer_sequence<int, static_cast<int>(kRegisterLanes<T>)>());
+}
+
+/// Vectors of two or three values, as many as a register has lanes: from memory to a register for each component, and
+/// back.
+template <int Channels, class T>
+class Interleaved {
+  static_assert(Channels == 2 || Channels == 3);
+  static constexpr int kLanes = static_cast<int>(kRegisterLanes<T>);
+
+ public:
+  [[gnu::always_inline]] static void load(const T* from, Register<T> (&components)[Channels]) {
+    const Register<T> first = saltus::load(from), second = saltus::load(from + kLanes);
+    if constexpr (Channels == 2) {
+      components[0] = picked<Component<0>, T>(first, second);
+      components[1] = picked<Component<1>, T>(first, second);
+    } else {
+      const Register<T> third = saltus::load(from + 2 * kLanes);
+      components[0] = picked<Rest<0>, T>(picked<Component<0>, T>(first, second), third);
+      components[1] = picked<Rest<1>, T>(picked<Component<1>, T>(first, second), third);
+      components[2] = picked<Rest<2>, T>(picked<Component<2>, T>(first, second), third);
+    }
+  }
+  [[gnu::always_inline]] static void store(const Register<T> (&components)[Channels], T* to) {
+    put<0>(components, to);
+    put<1>(components, to);
+    if constexpr (Channels == 3) put<2>(components, to);
+  }
+
+ private:
+  /// Component C as far as two registers have it, and what the third one adds to that.
+  template <int C>
+  struct Component {
+    static constexpr int of(int lane) { return (Channels * lane + C) % (2 * kLanes); }
+  };
+  template <int C>
+  struct Rest {
+    static constexpr int of(int lane) {
+      const int value = Channels * lane + C;
+      return value < 2 * kLanes ? lane : value - kLanes;
+    }
+  };
+  /// Of the values of register R those of two components, and what the third one adds to that.
+  template <int R>
+  struct Two {
+    static constexpr int of(int lane) {
+      const int value = R * kLanes + lane, site = value / Channels, component = value % Channels;
+      return component == 1 ? kLanes + site : site;
+    }
+  };
+  template <int R>
+  struct Third {
+    static constexpr int of(int lane) {
+      const int value = R * kLanes + lane;
+      return value % Channels == 2 ? kLanes + value / Channels : lane;
+    }
+  };
+  template <int R>
+  [[gnu::always_inline]] static void put(const Register<T> (&components)[Channels], T* to) {
+    Register<T> values = picked<Two<R>, T>(components[0], components[1]);
+    if constexpr (Channels == 3) values = picked<Third<R>, T>(values, components[2]);
+    saltus::store<T>(values, to + R * kLanes);
+  }
+};
+
 template <class T>
 [[gnu::always_inline]] inline Register<T> square_root(const Register<T>& values) {
   T lanes[kRegisterLanes<T>];  // which the compiler sees through

@@ -101,6 +101,15 @@ void expect_adjoint() {
   std::vector<double> in_place = u;
   warp_adjoint<Dim, double>(both, where, in_place.data(), in_place.data());
   EXPECT_EQ(in_place, u_dual);
+
+  // Of one image, by the slopes that the warp has kept, at their own place as well.
+  std::vector<double> out(where.sites()), slopes(u.size()), expected(u.size());
+  warp<Dim, double>(image, where, u.data(), out.data(), slopes.data());
+  warp_adjoint<Dim, double>({{&image, dual.data()}}, where, u.data(), expected.data());
+  warp_adjoint<Dim, double>(dual.data(), slopes.data(), where, nullptr, u_dual.data());
+  warp_adjoint<Dim, double>(dual.data(), slopes.data(), where, nullptr, slopes.data());
+  for (std::size_t i = 0; i < expected.size(); ++i) ASSERT_NEAR(u_dual[i], expected[i], 1e-13);
+  EXPECT_EQ(slopes, u_dual);
 }
 
 TEST(Warp, HasAnAdjoint) {
@@ -135,6 +144,11 @@ void expect_interpolated_displacement() {
     const Displacement<Dim, double> displacement{field.data(), &to_sites};
     warp<Dim, double>(image, where, displacement, out.data());
     warp_adjoint<Dim, double>({{&image, dual.data()}}, where, displacement, field_dual.data());
+    for (std::size_t i = 0; i < out.size(); ++i) ASSERT_NEAR(out[i], expected[i], 1e-13);
+    for (std::size_t i = 0; i < field.size(); ++i) ASSERT_NEAR(field_dual[i], expected_dual[i], 1e-12);
+    std::vector<double> slopes(u.size());
+    warp<Dim, double>(image, where, displacement, out.data(), slopes.data());
+    warp_adjoint<Dim, double>(dual.data(), slopes.data(), where, &to_sites, field_dual.data());
     for (std::size_t i = 0; i < out.size(); ++i) ASSERT_NEAR(out[i], expected[i], 1e-13);
     for (std::size_t i = 0; i < field.size(); ++i) ASSERT_NEAR(field_dual[i], expected_dual[i], 1e-12);
   }
@@ -185,6 +199,40 @@ TEST(Warp, HasNoAdjointOfWhatDoesNotCount) {
   warp_adjoint<2, double>({{&image, dual.data()}}, lattice, u.data(), u_dual.data());
   EXPECT_GT(u_dual[0], 0);
   for (std::size_t i = 2; i < u_dual.size(); ++i) EXPECT_EQ(u_dual[i], 0) << i;
+
+  std::vector<double> out(lattice.sites()), slopes(u.size());
+  warp<2, double>(image, lattice, u.data(), out.data(), slopes.data());
+  ASSERT_TRUE(std::isnan(slopes[2 * 4]));
+  warp_adjoint<2, double>(dual.data(), slopes.data(), lattice, nullptr, u_dual.data());
+  EXPECT_GT(u_dual[0], 0);
+  for (std::size_t i = 2; i < u_dual.size(); ++i) EXPECT_EQ(u_dual[i], 0) << i;
+}
+
+// In single precision, where corners are fetched two at a time. Oracle: double, of the same numbers; the row that ends
+// with the image's last sample is among them.
+TEST(Warp, FetchesInSinglePrecisionWhatItDoesInDouble) {
+  for (int width : {1, 2, 17, 50}) {
+    const Lattice<3> lattice{{width, 3, 4}, {1, 1, 1}, {}};
+    FramedImage<3, double> image;
+    image.lattice = lattice;
+    image.samples = random_values(lattice.sites(), 1);
+    image.linear = Matrix<3>::Identity();
+    image.offset = Vector<3>::Zero();
+    FramedImage<3, float> single;
+    single.lattice = lattice;
+    single.samples.assign(image.samples.begin(), image.samples.end());
+    single.linear = image.linear;
+    single.offset = image.offset;
+    std::vector<double> u = random_values(3 * lattice.sites(), 2, 1.5);
+    const std::vector<float> u_single(u.begin(), u.end());
+    u.assign(u_single.begin(), u_single.end());
+    std::vector<double> out(lattice.sites()), slopes(u.size());
+    std::vector<float> out_single(lattice.sites()), slopes_single(u.size());
+    warp<3, double>(image, lattice, u.data(), out.data(), slopes.data());
+    warp<3, float>(single, lattice, u_single.data(), out_single.data(), slopes_single.data());
+    for (std::size_t i = 0; i < out.size(); ++i) ASSERT_NEAR(out_single[i], out[i], 1e-4) << width << " " << i;
+    for (std::size_t i = 0; i < slopes.size(); ++i) ASSERT_NEAR(slopes_single[i], slopes[i], 1e-4) << width << " " << i;
+  }
 }
 
 }  // namespace
