@@ -62,8 +62,7 @@ struct PointMap {
 
 /// Of sites side by side, each by its own factor. Not a product with 0: what counts for nothing need not be a number.
 template <int Dim, class T>
-[[gnu::always_inline]] inline void scale_by(const T* factors, int count, LanePoints<Dim, T>& values) {
-  const Lanes<Dim, T> factor = CellLanes<Dim, T>::first_lanes(factors, count);
+[[gnu::always_inline]] inline void scale_by(const Lanes<Dim, T>& factor, LanePoints<Dim, T>& values) {
   for (int col = 0; col < Dim; ++col)
 #pragma omp simd
     for (int lane = 0; lane < kLanes<Dim, T>; ++lane)
@@ -75,18 +74,18 @@ template <int Dim, class T>
 class PlaneAtHand {
  public:
   PlaneAtHand(const Displacement<Dim, T>& displacement, std::size_t scalars)
-      : displacement_(displacement),
-        scalars_(scalars),
-        own_(displacement.to_sites || !displacement.field ? scalars : 0) {}
+      : displacement_(displacement), scalars_(scalars) {}
 
   /// Stands until the next one is taken.
   const T* take(int plane) {
+    if (displacement_.field && !displacement_.to_sites)
+      return displacement_.field + static_cast<std::size_t>(plane) * scalars_;
+    own_.resize(scalars_);  // 0 at first, and where there is no displacement
     if (!displacement_.field) return own_.data();
-    if (!displacement_.to_sites) return displacement_.field + static_cast<std::size_t>(plane) * scalars_;
     displacement_.to_sites->take_plane(displacement_.field, plane, scratch_, own_.data());
     return own_.data();
   }
-  /// Another one.
+  /// Room for another one.
   T* other() {
     other_.resize(scalars_);
     return other_.data();
@@ -150,7 +149,7 @@ void warp_adjoint(const T* dual, const T* slopes, const Lattice<Dim>& points, La
     for (std::size_t site = 0; site < sites; site += kLanes<Dim, T>) {
       const int count = static_cast<int>(std::min<std::size_t>(kLanes<Dim, T>, sites - site));
       LanePoints<Dim, T> values = lanes_of<Dim, T>(slopes + Dim * (first + site), count);
-      scale_by<Dim, T>(dual + first + site, count, values);
+      scale_by<Dim, T>(CellLanes<Dim, T>::first_lanes(dual + first + site, count), values);
       put_lanes<Dim, T>(values, count, plane_dual + Dim * site);
     }
     if (to_sites) to_sites->transpose_plane(plane_dual, plane, at_hand.scratch());
@@ -174,12 +173,14 @@ void warp_adjoint(const std::vector<WarpedDual<Dim, T>>& warped, const Lattice<D
       const T *dual = one.dual, *samples = one.image->samples.data();
       CellLanes<Dim, T> cells(one.image->lattice);
       all.visit_pieces(points, plane, kLanes<Dim, T>, [&](const Index<Dim>& index, std::size_t site, int count) {
+        const Lanes<Dim, T> given = CellLanes<Dim, T>::first_lanes(dual + site, count);
+        if (std::all_of(given.begin(), given.end(), [](T value) { return value == T(0); })) return;
         const LanePoints<Dim, T> mm = lanes_of<Dim, T>(mm_of_plane + Dim * (site - first), count);
         cells.find(map(index, mm));
         LanePoints<Dim, T> gradient;
         cells.value(samples, &gradient);
         LanePoints<Dim, T> values = map.turned_back(gradient);
-        scale_by<Dim, T>(dual + site, count, values);
+        scale_by<Dim, T>(given, values);
         T* to = plane_dual + Dim * (site - first);
         LanePoints<Dim, T> sum = lanes_of<Dim, T>(to, count);
         for (int col = 0; col < Dim; ++col)

@@ -155,8 +155,8 @@ class Interleaved {
   [[gnu::always_inline]] static void load(const T* from, Register<T> (&components)[Channels]) {
     const Register<T> first = saltus::load(from), second = saltus::load(from + kLanes);
     if constexpr (Channels == 2) {
-      components[0] = picked<Component<0>, T>(first, second);
-      components[1] = picked<Component<1>, T>(first, second);
+      components[0] = every_second<0, T>(first, second);
+      components[1] = every_second<1, T>(first, second);
     } else {
       const Register<T> third = saltus::load(from + 2 * kLanes);
       components[0] = picked<Rest<0>, T>(picked<Component<0>, T>(first, second), third);
@@ -171,15 +171,15 @@ class Interleaved {
   }
 
  private:
-  /// Component C as far as two registers have it, and what the third one adds to that.
+  /// Component C of three as far as two registers have it, and what the third one adds to that.
   template <int C>
   struct Component {
-    static constexpr int of(int lane) { return (Channels * lane + C) % (2 * kLanes); }
+    static constexpr int of(int lane) { return (3 * lane + C) % (2 * kLanes); }
   };
   template <int C>
   struct Rest {
     static constexpr int of(int lane) {
-      const int value = Channels * lane + C;
+      const int value = 3 * lane + C;
       return value < 2 * kLanes ? lane : value - kLanes;
     }
   };

@@ -114,6 +114,11 @@ class Scene {
     list.push_back({"its adjoint", 2 * kVector + 2 * kScalar, 3 * kPlacing + 3 * interpolation(1) + 9 * 2, [this] {
                       warp_adjoint<3, float>({{&image_, fixed_.data()}}, lattice_, displacement_.data(), more_.data());
                     }});
+    // As an optimisation has them: the slopes are written beside the value, and multiplied by the dual later.
+    list.push_back({"warp with its slopes", 2 * kVector + 2 * kScalar, 3 * kPlacing + 4 * interpolation(1) + 5 * 3,
+                    [this] { warp<3, float>(image_, lattice_, displacement_.data(), scalar_.data(), more_.data()); }});
+    list.push_back({"its adjoint from these", 2 * kVector + kScalar, 3,
+                    [this] { warp_adjoint<3, float>(fixed_.data(), more_.data(), lattice_, nullptr, out_.data()); }});
 
     // Every second sample read, all of them read and written; along each axis two products and a sum, of a quarter,
     // half and all of what comes out. Its transpose reads all and writes every second one, with a sum more.
