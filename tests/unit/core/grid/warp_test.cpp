@@ -229,6 +229,19 @@ void expect_the_same_in_single_precision(const Lattice<Dim>& lattice) {
   for (std::size_t i = 0; i < dual.size(); ++i) ASSERT_NEAR(found[i], dual[i], 1e-4) << i;
 }
 
+// With one sample along x nothing beside it is looked at: it would be the next row, which may not be a number.
+TEST(Warp, DoesNotReadTheNextRowOfALineOfSamples) {
+  const Lattice<2> lattice{{1, 5}, {1, 1}, {}};
+  FramedImage<2, float> image = plain_image(lattice, std::vector<float>{0, 1, 2, 3, 4});
+  image.samples[3] = std::numeric_limits<float>::quiet_NaN();
+  const std::vector<float> u = {0, 0.5f, 0, 0.5f, 0, 0, 0, 0, 0, 0};
+  std::vector<float> out(5), slopes(10);
+  warp<2, float>(image, lattice, u.data(), out.data(), slopes.data());
+  EXPECT_EQ(out[1], 1.5f);
+  EXPECT_EQ(slopes[2], 0);
+  EXPECT_EQ(slopes[3], 1);
+}
+
 TEST(Warp, DoesInSinglePrecisionWhatItDoesInDouble) {
   for (int width : {1, 2, 17, 50}) {
     SCOPED_TRACE(width);
