@@ -34,22 +34,6 @@ class CellLanes {
   using Vector = typename CellRows<T>::Vector;
   using Vectors = LaneVectors<T>;
 
-  /// The first `count` values, 0 beyond them; and where they go back to. All at once where they fill the lanes.
-  [[gnu::always_inline]] static Lanes first_lanes(const T* from, int count) {
-    Lanes values{};
-    if (count == kLanes)
-      std::memcpy(values.data(), from, sizeof values);
-    else
-      std::copy_n(from, count, values.begin());
-    return values;
-  }
-  [[gnu::always_inline]] static void put_first(const Lanes& values, int count, T* to) {
-    if (count == kLanes)
-      std::memcpy(to, values.data(), sizeof values);
-    else
-      std::copy_n(values.begin(), count, to);
-  }
-
   /// Cells of a lattice of fewer than 2^32 sites.
   explicit CellLanes(const Lattice<Dim>& lattice) {
     std::uint32_t stride = 1;
@@ -312,7 +296,7 @@ class CellLanes {
         if ((corner >> axis & 1) && last_[axis] > 0) offset[corner] += stride_[axis];
     // Values that a register is put together from one by one go through memory. Two of a row are one load, and there
     // are half as many.
-    if constexpr (2 * sizeof(T) == sizeof(Pair))
+    if constexpr (kHasRegisters && 2 * sizeof(T) == sizeof(Pair))
       if (last_[0] > 0) {
         constexpr std::make_integer_sequence<int, kPairs> lanes;
         for (int corner = 0; corner < kCorners; corner += 2)
@@ -375,7 +359,7 @@ template <int Dim, class T>
 [[gnu::always_inline]] inline LanePoints<Dim, T> lanes_of(const T* field, int count) {
   constexpr int lanes = CellLanes<Dim, T>::kLanes, step = static_cast<int>(kRegisterLanes<T>);
   LanePoints<Dim, T> values{};
-  if (count == lanes) {
+  if (kHasRegisters && count == lanes) {
     for (int lane = 0; lane < lanes; lane += step) {
       Register<T> components[Dim];
       Interleaved<Dim, T>::load(field + Dim * lane, components);
@@ -391,7 +375,7 @@ template <int Dim, class T>
 template <int Dim, class T>
 [[gnu::always_inline]] inline void put_lanes(const LanePoints<Dim, T>& values, int count, T* field) {
   constexpr int lanes = CellLanes<Dim, T>::kLanes, step = static_cast<int>(kRegisterLanes<T>);
-  if (count == lanes) {
+  if (kHasRegisters && count == lanes) {
     for (int lane = 0; lane < lanes; lane += step) {
       Register<T> components[Dim];
       for (int c = 0; c < Dim; ++c) components[c] = load(values[c].data() + lane);
@@ -401,6 +385,24 @@ template <int Dim, class T>
   }
   for (int lane = 0; lane < count; ++lane)
     for (int c = 0; c < Dim; ++c) field[Dim * lane + c] = values[c][lane];
+}
+
+/// The same of a field of scalars. All at once where they fill the lanes.
+template <class Lanes, class T>
+[[gnu::always_inline]] inline Lanes scalars_of(const T* field, int count) {
+  Lanes values{};
+  if (count == static_cast<int>(values.size()))
+    std::memcpy(values.data(), field, sizeof values);
+  else
+    std::copy_n(field, count, values.begin());
+  return values;
+}
+template <class Lanes, class T>
+[[gnu::always_inline]] inline void put_scalars(const Lanes& values, int count, T* field) {
+  if (count == static_cast<int>(values.size()))
+    std::memcpy(field, values.data(), sizeof values);
+  else
+    std::copy_n(values.begin(), count, field);
 }
 
 /// What SitePlacement says of the sites from `index` on along x, with displacements `mm`.

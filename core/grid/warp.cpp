@@ -99,10 +99,15 @@ class PlaneAtHand {
   typename LatticeInterpolation<Dim, T>::Scratch scratch_;
 };
 
+template <int Dim>
+std::size_t plane_sites(const Lattice<Dim>& points) {
+  return points.sites() / static_cast<std::size_t>(points.size[Dim - 1]);
+}
+
 /// visit(plane, its first site, the thread's planes), planes in parallel.
 template <int Dim, class T, class Visit>
 void for_planes(const Lattice<Dim>& points, const Displacement<Dim, T>& displacement, Visit&& visit) {
-  const std::size_t sites = points.sites() / static_cast<std::size_t>(points.size[Dim - 1]);
+  const std::size_t sites = plane_sites(points);
 #pragma omp parallel
   {
     PlaneAtHand<Dim, T> at_hand(displacement, Dim * sites);
@@ -133,7 +138,7 @@ void warp(const FramedImage<Dim, T>& image, const Lattice<Dim>& points, const Di
       } else {
         values = cells.value(image.samples.data());
       }
-      CellLanes<Dim, T>::put_first(values, count, out + site);
+      put_scalars(values, count, out + site);
     });
   });
 }
@@ -142,14 +147,14 @@ template <int Dim, class T>
 void warp_adjoint(const T* dual, const T* slopes, const Lattice<Dim>& points, LatticeInterpolation<Dim, T>* to_sites,
                   T* displacement_dual) {
   const Displacement<Dim, T> interpolated{nullptr, to_sites};
+  const std::size_t sites = plane_sites(points);
   if (to_sites) to_sites->begin_transpose();
   for_planes(points, interpolated, [&](int plane, std::size_t first, PlaneAtHand<Dim, T>& at_hand) {
-    const std::size_t sites = points.sites() / static_cast<std::size_t>(points.size[Dim - 1]);
     T* plane_dual = to_sites ? at_hand.other() : displacement_dual + Dim * first;
     for (std::size_t site = 0; site < sites; site += kLanes<Dim, T>) {
       const int count = static_cast<int>(std::min<std::size_t>(kLanes<Dim, T>, sites - site));
       LanePoints<Dim, T> values = lanes_of<Dim, T>(slopes + Dim * (first + site), count);
-      scale_by<Dim, T>(CellLanes<Dim, T>::first_lanes(dual + first + site, count), values);
+      scale_by<Dim, T>(scalars_of<Lanes<Dim, T>>(dual + first + site, count), values);
       put_lanes<Dim, T>(values, count, plane_dual + Dim * site);
     }
     if (to_sites) to_sites->transpose_plane(plane_dual, plane, at_hand.scratch());
@@ -161,7 +166,7 @@ template <int Dim, class T>
 void warp_adjoint(const std::vector<WarpedDual<Dim, T>>& warped, const Lattice<Dim>& points,
                   const Displacement<Dim, T>& displacement, T* displacement_dual) {
   const auto all = BlockMask<Dim>::all(points);
-  const std::size_t scalars = Dim * points.sites() / static_cast<std::size_t>(points.size[Dim - 1]);
+  const std::size_t scalars = Dim * plane_sites(points);
   LatticeInterpolation<Dim, T>* to_sites = displacement.to_sites;
   if (to_sites) to_sites->begin_transpose();
   for_planes(points, displacement, [&](int plane, std::size_t first, PlaneAtHand<Dim, T>& at_hand) {
@@ -173,7 +178,7 @@ void warp_adjoint(const std::vector<WarpedDual<Dim, T>>& warped, const Lattice<D
       const T *dual = one.dual, *samples = one.image->samples.data();
       CellLanes<Dim, T> cells(one.image->lattice);
       all.visit_pieces(points, plane, kLanes<Dim, T>, [&](const Index<Dim>& index, std::size_t site, int count) {
-        const Lanes<Dim, T> given = CellLanes<Dim, T>::first_lanes(dual + site, count);
+        const Lanes<Dim, T> given = scalars_of<Lanes<Dim, T>>(dual + site, count);
         if (std::all_of(given.begin(), given.end(), [](T value) { return value == T(0); })) return;
         const LanePoints<Dim, T> mm = lanes_of<Dim, T>(mm_of_plane + Dim * (site - first), count);
         cells.find(map(index, mm));

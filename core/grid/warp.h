@@ -49,7 +49,7 @@ struct WarpedDual {
 
 /// displacement_dual = sum over the images, all warped with the same displacement, of dual * gradient of image at x +
 /// u(x): the adjoint of `warp`, for the field that the displacement is made of. Where that lies at the sites,
-/// displacement_dual may be the field itself: each site is on its own.
+/// displacement_dual may be the field itself.
 template <int Dim, class T>
 void warp_adjoint(const std::vector<WarpedDual<Dim, T>>& warped, const Lattice<Dim>& points,
                   const Displacement<Dim, T>& displacement, T* displacement_dual);

@@ -133,7 +133,7 @@ void MatchingObjective<Dim, T>::scale_duals(Field<T>& image_dual, Field<T>& weig
 
 /// Where the warped image's slopes are kept until its dual is known: corners of cells are then fetched once. Where
 /// images and flow share a lattice, what follows has room for them. Null where the moving image has weights: those of
-/// both would be more than all the rest of a level.
+/// both would nearly double what a level's images take.
 template <int Dim, class T>
 T* MatchingObjective<Dim, T>::slopes() {
   if (!weight_dual_.empty()) return nullptr;
@@ -181,7 +181,8 @@ bool MatchingObjective<Dim, T>::noise_gradient(const std::vector<T>& x, std::vec
   }
   for (Field<T>& velocity_dual : velocity_duals_) BlockMask<Dim>::all(flow_).clear(flow_, Dim, velocity_dual.data());
   const Displacement<Dim, T> displacement = on_level(map_.follow(shooting_.velocities()));
-  if (slopes()) warp_level<Dim, T>(level_, displacement, warped_, weights_, slopes());  // the gradient has taken them
+  if (slopes() == map_dual_.data())  // where the gradient has taken their place
+    warp_level<Dim, T>(level_, displacement, warped_, weights_, slopes());
   pull_back(image_dual, weight_dual, displacement, momenta, gradients, set_.dense_targets(preconditioned));
   set_.finish_gradient(gradient);
   return true;
@@ -240,6 +241,10 @@ template void warp_level(const MatchingLevel<2, float>&, const Displacement<2, f
                          float*);
 template void warp_level(const MatchingLevel<3, float>&, const Displacement<3, float>&, Field<float>&, Field<float>&,
                          float*);
+template void warp_level(const MatchingLevel<2, double>&, const Displacement<2, double>&, Field<double>&,
+                         Field<double>&, double*);
+template void warp_level(const MatchingLevel<3, double>&, const Displacement<3, double>&, Field<double>&,
+                         Field<double>&, double*);
 template class MatchingObjective<2, float>;
 template class MatchingObjective<3, float>;
 template class MatchingObjective<2, double>;

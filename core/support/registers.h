@@ -19,6 +19,14 @@ constexpr std::size_t kRegisterBytes = 32;
 template <class T>
 constexpr std::size_t kRegisterLanes = kRegisterBytes / sizeof(T);
 
+/// Whether the processor has registers of that width. Where it has not, compilers may put together one value after the
+/// other what is to be shuffled between two, which loops over values do better.
+#ifdef __AVX__
+constexpr bool kHasRegisters = true;
+#else
+constexpr bool kHasRegisters = false;
+#endif
+
 template <class T>
 struct RegisterOf {
   typedef T Type __attribute__((vector_size(kRegisterBytes)));

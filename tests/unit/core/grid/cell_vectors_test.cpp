@@ -1,7 +1,6 @@
 // What CellLanes does with fields of vectors. Oracle: LinearCell, one point at a time.
 #include "core/grid/cell_lanes.h"
 
-#include "tests/support/random_fields.h"
 #include "tests/unit/core/grid/points_around.h"
 
 #include <gtest/gtest.h>
@@ -16,7 +15,7 @@ namespace saltus {
 namespace {
 
 using testing::points_around;
-using testing::random_values;
+using testing::random_in;
 
 /// How far apart two vectors are; 0 where neither is a number.
 template <int Dim, class T, class Vector>
@@ -27,19 +26,11 @@ T distance(const Vector& found, const std::array<T, Dim>& expected) {
   return most;
 }
 
-template <class T>
-std::vector<T> random_in(std::size_t count, unsigned seed) {
-  const std::vector<double> values = random_values(count, seed);
-  return {values.begin(), values.end()};
-}
-
 template <int Dim, class T>
 void expect_the_same_vectors(const Lattice<Dim>& lattice, int count) {
   const T close = 32 * std::numeric_limits<T>::epsilon();
   const std::vector<T> field = random_in<T>(Dim * lattice.sites(), 7);
-  LanePoints<Dim, T> at;
-  const LanePoints<Dim, double> around = points_around(lattice, 3);
-  for (int axis = 0; axis < Dim; ++axis) std::copy(around[axis].begin(), around[axis].end(), at[axis].begin());
+  const LanePoints<Dim, T> at = points_around<Dim, T>(lattice, 3);
   CellLanes<Dim, T> cells(lattice);
   cells.find(at);
   const std::vector<T> duals = random_in<T>(Dim * 16, 8);

@@ -47,13 +47,17 @@ TEST(NoiseGradient, IsWhatNoiseChangesOfTheGradient) {
     SimilarityType type;
     Model model;
     bool has_masks;
+    bool is_flow_coarse = false;  // as order 0 is
   };
   std::vector<Case> cases;
   for (SimilarityType type : {SimilarityType::Ssd, SimilarityType::Lncc})
-    for (Model model : {Model::Gaussian, Model::Wendland1})
-      for (bool has_masks : {false, true}) cases.push_back({type, model, has_masks});
-  for (const auto& [type, model, has_masks] : cases) {
-    SCOPED_TRACE(to_string(type) + " " + to_string(model) + (has_masks ? ", masks" : ""));
+    for (bool has_masks : {false, true}) {
+      for (Model model : {Model::Gaussian, Model::Wendland1}) cases.push_back({type, model, has_masks});
+      cases.push_back({type, Model::Gaussian, has_masks, true});
+    }
+  for (const auto& [type, model, has_masks, is_flow_coarse] : cases) {
+    SCOPED_TRACE(to_string(type) + " " + to_string(model) + (has_masks ? ", masks" : "") +
+                 (is_flow_coarse ? ", a coarser flow" : ""));
     level.fixed_weights.clear();
     level.moving_weights.samples.clear();
     if (has_masks) {
@@ -67,13 +71,15 @@ TEST(NoiseGradient, IsWhatNoiseChangesOfTheGradient) {
     options.momenta.width_voxels = 4;
     options.momenta.scales = 1;
     options.momenta.finest_scale = 0;
+    const Lattice<2> flow = level_lattice(level.lattice, is_flow_coarse ? options.flow.coarsening : 0);
     auto placed = make_scales<2, double>(level.lattice, resolved(options, level.lattice), {});
     const auto similarity = [&] {
       return make_similarity<2, double>(type, level.lattice, options.similarity_parameters, 1.0);
     };
-    MatchingObjective<2, double> clean({placed[0].scale.get()}, level, similarity(), 1e-3);
+    MatchingObjective<2, double> clean({placed[0].scale.get()}, level, similarity(), 1e-3, flow);
     MatchingObjective<2, double> noisy({placed[0].scale.get()}, level,
-                                       std::make_unique<Noisy>(similarity(), level.lattice.sites(), level.noise), 1e-3);
+                                       std::make_unique<Noisy>(similarity(), level.lattice.sites(), level.noise), 1e-3,
+                                       flow);
     const std::size_t size = clean.size();
     const std::vector<double> x = testing::random_values(size, 5, model == Model::Gaussian ? 0.1 : 1e-9);
     std::vector<double> found(size), found_p(size), with(size), with_p(size), without(size), without_p(size);
