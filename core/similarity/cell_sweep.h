@@ -8,6 +8,7 @@
 
 #include "core/similarity/rimmed_row_window.h"
 #include "core/similarity/site_range.h"
+#include "core/similarity/window_correlation.h"
 #include "core/support/line_vector.h"
 #include "core/support/registers.h"
 
@@ -336,11 +337,6 @@ class CellSweep {
     }
   }
 
-  /// Of a register of windows; see cell_correlation.cpp. `inverse` and `root` are those of the product of variances.
-  struct Moments {
-    Lanes share, weight, seen, mean_f, mean_w, v_f, v_w, var_f, var_w, cov, inverse, root;
-  };
-
   /// Writes the coefficients of a row of windows; its energy a volume. Without weights a window's samples are counted.
   double find_row(int row, int plane, Window<Sums> windows, T* to) {
     const T volume = static_cast<T>(shape_.volume);
@@ -352,63 +348,30 @@ class CellSweep {
     const std::size_t count = length(1);
     Lanes energy = {};
     const auto begin = [&](std::size_t x) __attribute__((always_inline)) {
-      Moments m;
+      WindowCorrelation<T> window;
       Lanes s[Sums];
       windows.next(s);
-      if constexpr (!kIsWeighted) {
-        m.share = across * load(shares + x);
-        m.weight = own_across * load(own + x);
+      if constexpr (kIsWeighted) {
+        window.find_weighted(s, load(weights + x), load(floors + x), Coefficients == 6);
       } else {
-        m.weight = load(weights + x);
-        const auto sees = Coefficients == 6 ? s[5] > T(1e-6) : (s[5] > T(1e-6)) & (m.weight != 0);  // else c is 0
-        m.share = sees ? 1 / s[5] : Lanes{};
-        m.seen = sees ? Lanes{} + 1 : Lanes{};
+        window.weight = own_across * load(own + x);
+        window.find(s, across * load(shares + x), load(floors + x));
       }
-      const Lanes floor = load(floors + x);
-      m.mean_f = s[0] * m.share, m.mean_w = s[1] * m.share;
-      const Lanes e_f = s[2] * m.share - m.mean_f * m.mean_f, e_w = s[3] * m.share - m.mean_w * m.mean_w;
-      m.v_f = e_f > 0 ? e_f : Lanes{}, m.v_w = e_w > 0 ? e_w : Lanes{};
-      m.var_f = m.v_f + floor, m.var_w = m.v_w + floor, m.cov = s[4] * m.share - m.mean_f * m.mean_w;
-      // The root does not wait for the quotient.
-      const Lanes var2 = m.var_f * m.var_w;
-      m.inverse = 1 / var2, m.root = square_root<T>(var2);
-      return m;
+      return window;
     };
-    const auto finish = [&](std::size_t x, const Moments& m) __attribute__((always_inline)) {
+    const auto finish = [&](std::size_t x, const WindowCorrelation<T>& window) __attribute__((always_inline)) {
       Lanes k[Coefficients];
-      const Lanes q = m.inverse * m.root, c = m.cov * q, factor = volume * m.weight * m.share;
-      const Lanes a = factor * q, b = factor * c * (m.inverse * m.var_f);
-      k[0] = a;
-      k[1] = b;
-      k[2] = a * m.mean_f - b * m.mean_w;
-      if constexpr (Coefficients == 6) {
-        // dc/dweight(y) = [ q ((f-mf)(w-mw) - cov) - c/2 ((f-mf)^2 - v_f)/var_f - c/2 ((w-mw)^2 - v_w)/var_w ] / S_w
-        const Lanes d = factor * c * (m.inverse * m.var_w);
-        k[3] = d;
-        k[4] = d * m.mean_f - a * m.mean_w;
-        k[5] = a * (m.mean_f * m.mean_w - m.cov) -
-               T(0.5) * (d * (m.mean_f * m.mean_f - m.v_f) + b * (m.mean_w * m.mean_w - m.v_w));
-      }
+      window.find_coefficients(volume * window.weight * window.share, k);
 #pragma GCC unroll 6
       for (std::size_t i = 0; i < Coefficients; ++i) store<T>(k[i], to + i * kLanes);
       to += Coefficients * kLanes;
-      const Lanes rest = kIsWeighted ? 1 - m.seen * c : 1 - c;
-      energy += m.weight * rest;
+      Lanes rest = 1 - window.correlation();
+      if constexpr (kIsWeighted) rest = 1 - window.seen * window.correlation();
+      energy += window.weight * rest;
       if constexpr (Coefficients == 6)
         if (rests) store<T>(volume * rest, rests + x);
     };
-    if constexpr (Coefficients == 6) {  // which leave no registers for what follows
-      for (std::size_t x = 0; x < count; x += kLanes) finish(x, begin(x));
-    } else {
-      // A register is finished when the next one has begun: quotient and root take longer than all the rest.
-      Moments moments = begin(0);
-      for (std::size_t x = kLanes; x < count; x += kLanes) {
-        const Moments next = begin(x);
-        finish(x - kLanes, moments);
-        moments = next;
-      }
-      finish(count - kLanes, moments);
-    }
+    for_windows<Coefficients == 6, T>(count, begin, finish);
     double sum = 0;  // a row's in T, then in double
     for (std::size_t lane = 0; lane < kLanes; ++lane) sum += double(energy[lane]);
     return sum;

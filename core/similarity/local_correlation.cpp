@@ -15,12 +15,9 @@
 namespace saltus {
 namespace {
 
-/// With window sums S of the weighted images: mean f = S_f / S_w, var f = S_ff / S_w - mean^2, and so on;
-/// q = ((var_f + e)(var_w + e))^-1/2, c = cov q. The derivative at sample y collects the windows x that hold y:
-///     dc(x)/dw(y) = weight(y) / S_w(x) * ( q (f(y) - mean f) - c / (var_w + e) (w(y) - mean w) ),
-/// whose sum over x is box sums of coefficients that depend on x alone.
-/// Nothing of this sees a constant that is taken off an image; both lose about their mean first, because sums are made
-/// in T and a variance small against the mean would be lost in them.
+/// The derivative at sample y collects the windows x that hold y. It is box sums of coefficients that depend on x alone
+/// (WindowCorrelation). Nothing of this sees a constant that is taken off an image; both lose about their mean first,
+/// because sums are made in T and a variance small against the mean would be lost in them.
 ///
 /// One sweep along the last axis ("planes") does it all, so that memory sees both images and the gradient and nothing
 /// else. For plane c of window centres two rows at a time go through the whole chain: their products are summed along

@@ -7,6 +7,7 @@
 #include "core/similarity/pair_window.h"
 #include "core/similarity/row_window.h"
 #include "core/similarity/site_range.h"
+#include "core/similarity/window_correlation.h"
 #include "core/support/line_vector.h"
 #include "core/support/registers.h"
 
@@ -329,10 +330,6 @@ class CorrelationSweep {
     return {summed + begin, count_, kLanes};
   }
 
-  /// Of a register of windows; see local_correlation.cpp. `inverse` and `root` are those of the product of variances.
-  struct Moments {
-    Lanes share, weight, seen, mean_f, mean_w, v_f, v_w, var_f, var_w, cov, inverse, root;
-  };
   /// Of one row of windows, the first or second one of two. Without weights a window's are counted.
   [[gnu::noinline]] void find_coefficients(int row, int plane, int which, std::size_t coming) {
     const T volume = static_cast<T>(shape_.volume);
@@ -345,72 +342,37 @@ class CorrelationSweep {
     RowWindow<Along, Sums, T> windows = along_row<Sums>(products(which), which, 0);
     Lanes energy = {};
     const auto begin = [&](std::size_t x) __attribute__((always_inline)) {
-      Moments m;
+      WindowCorrelation<T> window;
       Lanes s[Sums];
       windows.next(s);
-      if constexpr (Sums == 5) {
-        m.share = across * load(shares + x);
-      } else {
-        m.weight = load(weights + x * planes() * kChannels);
-        const auto sees = Coefficients == 6 ? s[5] > T(1e-6) : (s[5] > T(1e-6)) & (m.weight != 0);  // else c is 0
-        m.share = sees ? 1 / s[5] : Lanes{};
-        m.seen = sees ? Lanes{} + 1 : Lanes{};
-      }
-      const Lanes floor = load(floors + x);
-      m.mean_f = s[0] * m.share, m.mean_w = s[1] * m.share;
-      const Lanes e_f = s[2] * m.share - m.mean_f * m.mean_f, e_w = s[3] * m.share - m.mean_w * m.mean_w;
-      m.v_f = e_f > 0 ? e_f : Lanes{}, m.v_w = e_w > 0 ? e_w : Lanes{};
-      m.var_f = m.v_f + floor, m.var_w = m.v_w + floor, m.cov = s[4] * m.share - m.mean_f * m.mean_w;
-      // The root does not wait for the quotient.
-      const Lanes var2 = m.var_f * m.var_w;
-      m.inverse = 1 / var2, m.root = square_root<T>(var2);
-      return m;
+      if constexpr (Sums == 5)
+        window.find(s, across * load(shares + x), load(floors + x));
+      else
+        window.find_weighted(s, load(weights + x * planes() * kChannels), load(floors + x), Coefficients == 6);
+      return window;
     };
     const T *coming_fixed = scene_.fixed + coming, *coming_warped = scene_.warped + coming;
-    const auto finish = [&](std::size_t x, const Moments& m) __attribute__((always_inline)) {
+    const auto finish = [&](std::size_t x, const WindowCorrelation<T>& window) __attribute__((always_inline)) {
       __builtin_prefetch(coming_fixed + x);
       __builtin_prefetch(coming_warped + x);
+      Lanes factor = volume * window.share;
+      if constexpr (Sums == 6) factor *= window.weight;
       Lanes k[Coefficients];
-      const Lanes q = m.inverse * m.root, c = m.cov * q;
-      Lanes factor = volume * m.share;
-      if constexpr (Sums == 6) factor *= m.weight;
-      const Lanes a = factor * q, b = factor * c * (m.inverse * m.var_f);
-      k[0] = a;
-      k[1] = b;
-      k[2] = a * m.mean_f - b * m.mean_w;
-      if constexpr (Coefficients == 6) {
-        // dc/dweight(y) = [ q ((f-mf)(w-mw) - cov) - c/2 ((f-mf)^2 - v_f)/var_f - c/2 ((w-mw)^2 - v_w)/var_w ] / S_w
-        const Lanes d = factor * c * (m.inverse * m.var_w);
-        k[3] = d;
-        k[4] = d * m.mean_f - a * m.mean_w;
-        k[5] = a * (m.mean_f * m.mean_w - m.cov) -
-               T(0.5) * (d * (m.mean_f * m.mean_f - m.v_f) + b * (m.mean_w * m.mean_w - m.v_w));
-      }
+      window.find_coefficients(factor, k);
 #pragma GCC unroll 6
       for (std::size_t i = 0; i < Coefficients; ++i) store<T>(k[i], to + i * padded_stride());
       to += kPaddedStep<Coefficients>;
       if constexpr (Sums == 5) {
-        energy += load(own + x) * (1 - c);
+        energy += load(own + x) * (1 - window.correlation());
       } else {
-        const Lanes rest = 1 - m.seen * c;
-        energy += load(own + x) * m.weight * rest;
+        const Lanes rest = 1 - window.seen * window.correlation();
+        energy += load(own + x) * window.weight * rest;
         if constexpr (Coefficients == 6)
           if (is_own && own_begin_ <= x && x < own_end_)
             store_first<T>(own_end_ - x, volume * rest, scene_.weight_gradient + site(x, row, plane));
       }
     };
-    if constexpr (Coefficients == 6) {  // which leave no registers for what follows
-      for (std::size_t x = 0; x < count; x += kLanes) finish(x, begin(x));
-    } else {
-      // A register is finished when the next one has begun: quotient and root take longer than all the rest.
-      Moments moments = begin(0);
-      for (std::size_t x = kLanes; x < count; x += kLanes) {
-        const Moments next = begin(x);
-        finish(x - kLanes, moments);
-        moments = next;
-      }
-      finish(count - kLanes, moments);
-    }
+    for_windows<Coefficients == 6, T>(count, begin, finish);
     if (is_own)  // a row's in T, then in double
       for (std::size_t lane = 0; lane < kLanes; ++lane) energy_[lane] += double(energy[lane]);
   }
