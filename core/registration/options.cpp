@@ -147,8 +147,9 @@ RegistrationOptions default_options(Model model, SimilarityType similarity, Pres
     const double balanced = model == Model::Auto ? 2.5e-2 : 2e-2;
     o.optimisation.tolerance = preset == Preset::Fast ? 5e-2 : preset == Preset::Balanced ? balanced : 5e-3;
     o.momenta.full_contrast = 0.04;
-    o.optimisation.round_tolerance = model == Model::Auto ? 0.07 : 0.1;
   }
+  if (similarity == SimilarityType::Ssd && o.momenta.first_order_scales > 0)
+    o.optimisation.round_tolerance = model == Model::Auto ? 0.07 : 0.1;
   if (similarity != SimilarityType::Ssd) {
     // One step of the momenta and a short run lose nothing on the liver images (core/README.md, "Time steps" and
     // "Stopping"); with one step of the map as well, strongly compressed places fold.

@@ -41,7 +41,7 @@ TEST(FirstOrderMass, LiesAtTheInterfaceOfThePapersRectangle) {
   const PhantomOptions scene = default_phantom_options(PhantomKind::Rectangle);
   const Phantom<2> phantom = make_phantom<2>(scene);
   // wendland1 has no smooth kernel: its first orders help a little with what is smooth.
-  for (const auto& [model, share] : {std::pair(Model::Sliding, 0.9), std::pair(Model::Wendland1, 0.8)}) {
+  for (const auto& [model, share] : {std::pair(Model::Sliding, 0.9), std::pair(Model::Wendland1, 0.85)}) {
     SCOPED_TRACE(to_string(model));
     const auto result = registered(phantom, default_options(model, SimilarityType::Ssd, Preset::Balanced));
     const double interface = (scene.size[1] - 1) / 2.0;  // 39.5: between two rows
@@ -49,6 +49,33 @@ TEST(FirstOrderMass, LiesAtTheInterfaceOfThePapersRectangle) {
     const double near = first_order_mass(result, [&](const Vector<2>& p) { return std::abs(p[1] - interface) <= 3; });
     EXPECT_GE(near, share * all) << near / all;
     EXPECT_GT(all, 0);
+  }
+}
+
+// What the paper shows its models with. Oracle: the phantom's own displacement. Single runs are as far apart as a
+// fifth, so it is the mean of some whose weights differ by a thousandth.
+TEST(PapersRectangle, OpensWithEachModelThatHasFirstOrders) {
+  const Phantom<2> phantom = make_phantom<2>(default_phantom_options(PhantomKind::Rectangle));
+  Volume<2> near_and_valid = phantom.masks.near;
+  for (std::size_t i = 0; i < near_and_valid.samples.size(); ++i)
+    near_and_valid.samples[i] *= phantom.masks.valid.samples[i];
+  struct Case {
+    Model model;
+    double error, near;  // px
+  };
+  for (const auto& [model, error, near] :
+       {Case{Model::Wendland1, 0.11, 0.28}, Case{Model::Sliding, 0.09, 0.10}, Case{Model::Auto, 0.09, 0.10}}) {
+    constexpr int runs = 6;
+    double mean = 0, mean_near = 0;
+    for (int run = 0; run < runs; ++run) {
+      RegistrationOptions options = default_options(model, SimilarityType::Ssd, Preset::Balanced);
+      options.similarity_parameters.weight = 1 + 1e-3 * run;
+      const VectorVolume<2> found = registered(phantom, options).displacement;
+      mean += summarise(endpoint_errors<2>(found, phantom.displacement, phantom.masks.valid)).mean / runs;
+      mean_near += summarise(endpoint_errors<2>(found, phantom.displacement, near_and_valid)).mean / runs;
+    }
+    EXPECT_LT(mean, error) << to_string(model);
+    EXPECT_LT(mean_near, near) << to_string(model);
   }
 }
 
