@@ -105,18 +105,24 @@ template <int By, class T, int... Lane>
                                                         std::integer_sequence<int, Lane...>) {
   return __builtin_shufflevector(low, high, (Lane + By)...);
 }
-/// Of the lanes of both, one after the other, those from `By` on.
+/// Of the lanes of both, one after the other, those from `By` on: `high` itself where that is all of `low`.
 template <int By, class T>
 [[gnu::always_inline]] inline Register<T> shifted(const Register<T>& low, const Register<T>& high) {
-  static_assert(0 <= By && By < static_cast<int>(kRegisterLanes<T>));
+  constexpr int lanes = static_cast<int>(kRegisterLanes<T>);
+  static_assert(0 <= By && By <= lanes);
+  if constexpr (By == lanes) {
+    return high;
+  } else {
 #if defined(__AVX512F__) && defined(__has_builtin) && __has_builtin(__builtin_ia32_alignd512_mask)
-  // The compiler would take an instruction for any order of lanes, which is slower and needs that order in a register.
-  typedef int Words __attribute__((vector_size(64)));
-  constexpr int words = By * static_cast<int>(sizeof(T) / sizeof(int));
-  return (Register<T>)__builtin_ia32_alignd512_mask((Words)high, (Words)low, words, Words{}, 0xffff);
+    // The compiler would take an instruction for any order of lanes, which is slower and needs that order in a
+    // register.
+    typedef int Words __attribute__((vector_size(64)));
+    constexpr int words = By * static_cast<int>(sizeof(T) / sizeof(int));
+    return (Register<T>)__builtin_ia32_alignd512_mask((Words)high, (Words)low, words, Words{}, 0xffff);
 #else
-  return shifted_lanes<By, T>(low, high, std::make_integer_sequence<int, static_cast<int>(kRegisterLanes<T>)>());
+    return shifted_lanes<By, T>(low, high, std::make_integer_sequence<int, lanes>());
 #endif
+  }
 }
 
 template <int From, class T, int... Lane>
