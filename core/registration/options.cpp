@@ -124,26 +124,26 @@ RegistrationOptions default_options(Model model, SimilarityType similarity, Pres
   }
   switch (preset) {
     case Preset::Fast:
-      o.flow.time_steps = 2;
       o.optimisation.max_iterations = 40;
       o.optimisation.tolerance = 2e-2;
       break;
     case Preset::Balanced:
-      o.flow.time_steps = 3;
       o.optimisation.max_iterations = 150;
       o.optimisation.tolerance = 5e-3;
       break;
     case Preset::Accurate:
-      o.flow.time_steps = 4;
       o.optimisation.max_iterations = 300;
       o.optimisation.tolerance = 1e-3;
       break;
   }
-  if (similarity == SimilarityType::Ssd && is_sliding) {
-    o.flow.time_steps = preset == Preset::Accurate ? 2 : 1;
-    // Where a level tells the next one how many steps of the map its motion needs, two are enough to begin with and
-    // on the finest (core/README.md, "Time steps").
+  // One step of the momenta loses nothing; with one step of the map as well, strongly compressed places fold
+  // (core/README.md, "Time steps").
+  o.flow.time_steps = preset == Preset::Accurate ? 2 : 1;
+  if (similarity == SimilarityType::Ssd)  // auto: a level tells the next one how many its motion needs
     o.flow.map_steps = preset == Preset::Balanced && model != Model::Auto ? 3 : 2;
+  else
+    o.flow.map_steps = preset == Preset::Fast ? 1 : 2;
+  if (similarity == SimilarityType::Ssd && is_sliding) {
     const double balanced = model == Model::Auto ? 2.5e-2 : 2e-2;
     o.optimisation.tolerance = preset == Preset::Fast ? 5e-2 : preset == Preset::Balanced ? balanced : 5e-3;
     o.momenta.full_contrast = 0.04;
@@ -151,10 +151,7 @@ RegistrationOptions default_options(Model model, SimilarityType similarity, Pres
   if (similarity == SimilarityType::Ssd && o.momenta.first_order_scales > 0)
     o.optimisation.round_tolerance = model == Model::Auto ? 0.07 : 0.1;
   if (similarity != SimilarityType::Ssd) {
-    // One step of the momenta and a short run lose nothing on the liver images (core/README.md, "Time steps" and
-    // "Stopping"); with one step of the map as well, strongly compressed places fold.
-    o.flow.time_steps = preset == Preset::Accurate ? 2 : 1;
-    o.flow.map_steps = preset == Preset::Fast ? 1 : 2;
+    // A short run loses nothing on the liver images (core/README.md, "Stopping").
     o.optimisation.tolerance = preset == Preset::Fast ? 5e-2 : preset == Preset::Balanced ? 2.5e-2 : 5e-3;
     o.momenta.first_order_waits = is_sliding;
     if (is_sliding && similarity == SimilarityType::Lncc) o.optimisation.noise_tolerance = 0.1;

@@ -32,9 +32,8 @@ TEST(AutoChoices, ChoosesWhatDependsOnSimilarityAndDimension) {
       const bool asks = model == Model::Auto && similarity == SimilarityType::Lncc;
       EXPECT_EQ(deep.momenta.narrow_width_shear, asks ? 4.5 : 0);
       EXPECT_EQ(resolved(deep, cube).momenta.narrow_width_shear, deep.momenta.narrow_width_shear);
-      EXPECT_EQ(flat.flow.map_steps, model == Model::Sliding && similarity == SimilarityType::Ssd ? 3
-                                     : !is_sliding && similarity == SimilarityType::Ssd           ? 1
-                                                                                                  : 2);
+      EXPECT_EQ(flat.flow.time_steps, 1);
+      EXPECT_EQ(flat.flow.map_steps, model != Model::Auto && similarity == SimilarityType::Ssd ? 3 : 2);
       RegistrationOptions given = options;  // what is given counts as it is
       given.momenta.kernel_widths = {{9, 1}, {4, 1}};
       EXPECT_EQ(resolved(given, cube).momenta.narrow_width_shear, 0);
