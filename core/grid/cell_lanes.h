@@ -9,6 +9,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <cstring>
+#include <type_traits>
 #include <utility>
 
 namespace saltus {
@@ -387,9 +388,11 @@ template <int Dim, class T>
     for (int c = 0; c < Dim; ++c) field[Dim * lane + c] = values[c][lane];
 }
 
-/// The same of a field of scalars. All at once where they fill the lanes.
+/// The first `count` values of a field of scalars, 0 beyond them; and such values written. All at once where they fill
+/// the lanes.
 template <class Lanes, class T>
 [[gnu::always_inline]] inline Lanes scalars_of(const T* field, int count) {
+  static_assert(std::is_same_v<typename Lanes::value_type, T>);
   Lanes values{};
   if (count == static_cast<int>(values.size()))
     std::memcpy(values.data(), field, sizeof values);
@@ -399,6 +402,7 @@ template <class Lanes, class T>
 }
 template <class Lanes, class T>
 [[gnu::always_inline]] inline void put_scalars(const Lanes& values, int count, T* field) {
+  static_assert(std::is_same_v<typename Lanes::value_type, T>);
   if (count == static_cast<int>(values.size()))
     std::memcpy(field, values.data(), sizeof values);
   else

@@ -133,7 +133,7 @@ void MatchingObjective<Dim, T>::scale_duals(Field<T>& image_dual, Field<T>& weig
 
 /// Where the warped image's slopes are kept until its dual is known: corners of cells are then fetched once. Where
 /// images and flow share a lattice, what follows has room for them. Null where the moving image has weights: those of
-/// both would nearly double what a level's images take.
+/// both would take three quarters of what a level's images do.
 template <int Dim, class T>
 T* MatchingObjective<Dim, T>::slopes() {
   if (!weight_dual_.empty()) return nullptr;

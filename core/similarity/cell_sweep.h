@@ -14,7 +14,8 @@
 
 namespace saltus {
 
-/// What cell_correlation.cpp works out, for one tile of the lattice; see there for the sums and coefficients.
+/// What cell_correlation.cpp works out, for one tile of the lattice; see there, and WindowCorrelation for sums and
+/// coefficients.
 
 /// A window along one axis: so many cells on both sides of its middle cell.
 struct CellWindow {

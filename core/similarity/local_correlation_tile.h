@@ -13,7 +13,8 @@
 
 namespace saltus {
 
-/// What local_correlation.cpp works out, for one tile of the lattice; see there for the sums and coefficients.
+/// What local_correlation.cpp works out, for one tile of the lattice; see there, and WindowCorrelation for sums and
+/// coefficients.
 struct CorrelationShape {
   std::array<int, 3> size, radius;  ///< along x, rows, planes
   double volume, floor2;            ///< of a site; the floor squared

@@ -8,11 +8,10 @@ namespace saltus {
 
 /// The correlation of windows, a register of them, and what its derivatives are made of.
 ///
-/// With window sums S of weighted images: mean f = S_f / S_w, var f = S_ff / S_w - mean^2, and so on;
-/// q = ((var_f + e)(var_w + e))^-1/2 with e the floor squared, c = cov q. At a sample y of the window
-///     dc/dw(y) = weight(y) / S_w * ( q (f(y) - mf) - c / (var_w + e) (w(y) - mw) ),
-///     dc/dweight(y) = ( q ((f-mf) (w-mw) - cov) - c/2 ((f-mf)^2 - var f) / (var_f + e)
-///                       - c/2 ((w-mw)^2 - var w) / (var_w + e) ) / S_w.
+/// With window sums S of weighted images: mean_f = S_f / S_w, v_f = S_ff / S_w - mean_f^2, var_f = v_f + floor^2, and
+/// so on; q = (var_f var_w)^-1/2, c = cov q. At a sample y of the window, f and w less their means,
+///     dc/dw(y)      = weight(y) / S_w * ( q f - c / var_w w ),
+///     dc/dweight(y) = ( q (f w - cov) - c/2 (f^2 - v_f) / var_f - c/2 (w^2 - v_w) / var_w ) / S_w.
 template <class T>
 struct WindowCorrelation {
   using Lanes = Register<T>;
@@ -68,9 +67,9 @@ struct WindowCorrelation {
   }
 };
 
-/// begin(x) and finish(x, what it gave) for each register of a row. One is finished when the next one has begun, since
-/// quotient and root take longer than all the rest; `in_turn`: before, where that would take more registers than there
-/// are.
+/// begin(x) and finish(x, what it gave) for each register of a row of `count` windows, in whole registers, at least
+/// one. One is finished when the next one has begun, since quotient and root take longer than all the rest; `in_turn`:
+/// before, where that would take more registers than there are.
 template <bool in_turn, class T, class Begin, class Finish>
 [[gnu::always_inline]] inline void for_windows(std::size_t count, const Begin& begin, const Finish& finish) {
   constexpr std::size_t lanes = kRegisterLanes<T>;
