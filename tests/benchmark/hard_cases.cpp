@@ -133,6 +133,7 @@ void add_discretisation(Run& run) {
     options.momenta.scales = 1;
     options.momenta.width_voxels = 12;
     options.flow.evolution = Evolution::Exact;
+    options.flow.time_steps = 3;
     options.threads = 1;
     return measure<2>("one kernel, H drift, gaussian", pair_of<2>(slip(run, 6)), options);
   });
@@ -141,6 +142,7 @@ void add_discretisation(Run& run) {
     options.momenta.scales = 1;
     options.momenta.width_voxels = 12;
     options.flow.evolution = Evolution::Exact;
+    options.flow.time_steps = 3;
     options.threads = 1;
     return measure<2>("one kernel, H drift, wendland1", pair_of<2>(slip(run, 6)), options);
   });
