@@ -191,21 +191,14 @@ class CheckpointTest : public ServerTest {
       ASSERT_TRUE(job["state"] == "RUNNING" || job["state"] == "QUEUED") << job;
     }
   }
-  /// Whether a second attempt goes on is asked by a program that has to begin first: what it does then takes longer
-  /// than that, also on a fast machine.
-  std::vector<std::string> long_enough() const {
-    return {"--model", "sliding",       "--set", "coarsening=0",           "--set", "tolerance=0",
-            "--set",   "time_steps=64", "--set", "optimality_tolerance=0", "--set", "max_iterations=90",
-            "--set",   "map_steps=8",   "--set", "reweighted_rounds=4"};
-  }
 };
 
 TEST_F(CheckpointTest, WhatIsKilledGoesOnFromItsCheckpointToTheSameBits) {
-  const std::string undisturbed = submit(long_enough());
+  const std::string undisturbed = submit(of_some_seconds());
   EXPECT_EQ(run(here({"watch", undisturbed})).exit_code, 0);
   const auto expected = results(undisturbed);
 
-  const std::string id = submit(long_enough());
+  const std::string id = submit(of_some_seconds());
   ChildProcess watch = start(here({"watch", id, "--json"}));
   watch.wait_for_output("\"checkpoints\"");
   kill(only_worker(), SIGKILL);
@@ -214,7 +207,7 @@ TEST_F(CheckpointTest, WhatIsKilledGoesOnFromItsCheckpointToTheSameBits) {
   EXPECT_EQ(get(id)["attempt"], 2);
   EXPECT_EQ(results(id), expected);
 
-  const std::string other = submit(long_enough());
+  const std::string other = submit(of_some_seconds());
   ChildProcess watch_other = start(here({"watch", other, "--json"}));
   watch_other.wait_for_output("\"checkpoints\"");
   const pid_t worker = only_worker();
@@ -238,7 +231,7 @@ class ShortLeaseTest : public CheckpointTest {
 };
 
 TEST_F(ShortLeaseTest, AWorkerThatStandsStillIsEndedAndAnotherGoesOn) {
-  const std::string id = submit(long_enough());
+  const std::string id = submit(of_some_seconds());
   ChildProcess watch = start(here({"watch", id, "--json"}));
   watch.wait_for_output("\"checkpoints\"");
   const pid_t worker = only_worker();
