@@ -130,11 +130,12 @@ void PrivateDaemon::start(const fs::path& program, const Work& work) {
                                  // It goes with this command, so it need not leave room for a day's work.
                                  "--disk-reserve", "64M", "--slots", std::to_string(work.jobs)};
   // A job that names no number of threads gets its share of the cores, so one alone has them all. One that does gets
-  // what it asks for; of several the daemon then starts as many as the cores allow.
+  // what it asks for; of several the daemon then starts as many as the cores allow. No more than the cores unless asked
+  // for: only where each thread has its own may they stay awake from loop to loop (server/launch/worker_environment.h).
   const int cores = static_cast<int>(std::max(1u, std::thread::hardware_concurrency()));
   const int each = work.threads > 0 ? work.threads : std::max(1, cores / work.jobs);
   words.insert(words.end(), {"--threads-per-job", std::to_string(each), "--threads",
-                             std::to_string(work.jobs == 1 ? 1024 : std::max(cores, each))});
+                             std::to_string(std::max(cores, each))});
   std::vector<char*> arguments;
   for (std::string& word : words) arguments.push_back(word.data());
   arguments.push_back(nullptr);

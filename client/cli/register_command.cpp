@@ -37,7 +37,7 @@ int register_one(const RegisterOptions& options) {
   const ResultFolder folder(options.out);
   std::optional<Registrar> registrar;
   try {
-    registrar.emplace(options.server);
+    registrar.emplace(options.server, PrivateDaemon::Work{.jobs = 1, .threads = options.job.threads});
     v1::RegistrationJob job;
     {
       ProgressDisplay display(std::cerr, display_style_of_stderr());
