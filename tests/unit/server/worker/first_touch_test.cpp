@@ -80,8 +80,8 @@ void give_up_at_the_third_call() {
 }
 
 TEST_F(FirstTouch, WantOfMemoryIsToldAsTheStandardAsks) {
-  volatile std::size_t bytes = PTRDIFF_MAX;
-  bytes -= 4096;
+  volatile std::size_t most = PTRDIFF_MAX;
+  const std::size_t bytes = most - 4096;
   void* block = nullptr;
   EXPECT_THROW(block = ::operator new(bytes), std::bad_alloc);
   EXPECT_THROW(block = ::operator new(bytes, kLine), std::bad_alloc);
