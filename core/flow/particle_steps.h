@@ -197,16 +197,22 @@ bool is_somewhere(const Lattice<Dim>& points, const T* displacement, int slab) {
   return odd == 0;
 }
 
-/// The planes that points in `reach` may come to with the velocity there, which is `step` times `fastest` at most, and
-/// one beside them for what rounding adds; all of them where that is not a number.
+/// Where the points of a slab may come to in a step, along the last axis.
+struct SlabReach {
+  std::array<int, 2> planes;  ///< first and last
+  int way;                    ///< planes between where a point is and where it may come to
+};
+
+/// Of points in `planes`, with the velocity there, which is `step` times `fastest` at most; one plane more for what
+/// rounding adds, and all of them where that is not a number.
 template <class T>
-std::array<int, 2> widened(const std::array<int, 2>& reach, const std::vector<T>& fastest, T step) {
-  const int planes = static_cast<int>(fastest.size());
+SlabReach widened(const std::array<int, 2>& planes, const std::vector<T>& fastest, T step) {
+  const int count = static_cast<int>(fastest.size());
   T most = 0;
-  for (int plane = std::max(0, reach[0]); plane <= std::min(planes - 1, reach[1]); ++plane)
+  for (int plane = std::max(0, planes[0]); plane <= std::min(count - 1, planes[1]); ++plane)
     most = std::max(most, step * fastest[static_cast<std::size_t>(plane)]);
-  const int more = most < static_cast<T>(planes) ? static_cast<int>(most) + 2 : planes;
-  return {std::max(0, reach[0] - more), std::min(planes, reach[1] + more)};
+  const int way = most < static_cast<T>(count) ? static_cast<int>(most) + 2 : count;
+  return {{std::max(0, planes[0] - way), std::min(count, planes[1] + way)}, way};
 }
 
 /// Adjoint of advance_heun with respect to both velocities and to `d`: with the dual of `out`, adds to the duals of the
@@ -222,7 +228,7 @@ void advance_heun_adjoint(const Lattice<Dim>& points, const T* d, const Lattice<
   const std::array<T, Dim> per_mm = samples_per_mm<T>(velocity_lattice);
   const int planes = velocity_lattice.size[Dim - 1], slabs = points.size[Dim - 1];
   const int parts = std::max(1, std::min(planes, threads_of_loop(points.sites())));
-  std::vector<std::array<int, 2>> reach(static_cast<std::size_t>(slabs), {0, planes});
+  std::vector<SlabReach> reach(static_cast<std::size_t>(slabs), SlabReach{{0, planes}, planes});
   if (parts > 1) {
     const MovedPoints<Dim, T> moved(points, all, d, velocity_lattice);
     const std::vector<T> fastest = fastest_across<Dim, T>(velocity_lattice, first);
@@ -241,8 +247,8 @@ void advance_heun_adjoint(const Lattice<Dim>& points, const T* d, const Lattice<
     LaneMask wanted;
     for (int slab = 0; slab < slabs; ++slab) {
       const bool is_own = own_begin <= slab && slab < own_end;
-      const std::array<int, 2>& planes_of = reach[static_cast<std::size_t>(slab)];
-      if (!is_own && (planes_of[0] >= end || planes_of[1] < begin)) continue;
+      const SlabReach& of_slab = reach[static_cast<std::size_t>(slab)];
+      if (!is_own && (of_slab.planes[0] >= end || of_slab.planes[1] < begin)) continue;
       all.visit_pieces(points, slab, cells.kLanes, [&](const Index<Dim>& index, std::size_t site, int count) {
         LaneVectors<T> given = vectors_of<Dim, T>(dual + Dim * site, count);
         const LaneVectors<T> dual_here = given;
@@ -253,20 +259,23 @@ void advance_heun_adjoint(const Lattice<Dim>& points, const T* d, const Lattice<
         }
         LanePoints<Dim, T> at = d ? lanes_of<Dim, T>(d + Dim * site, count) : LanePoints<Dim, T>{};
         if (!on_samples) cells.find(placed<Dim, T>(place, index, at));
+        // Of another thread's slab the pieces that come here, which are few.
+        if (!is_own && !on_samples && !cells.reach(count, begin - of_slab.way, end + of_slab.way)) return;
         predict_piece<Dim, T>(on_samples ? nullptr : &cells, first, site, count, step, at);
         predicted.find(placed<Dim, T>(place, index, at));
 
         for (auto& one : given) one *= step / 2;
         mark_nonzero<Dim, T>(given, wanted);
-        predicted.spread(given, count, wanted, begin, end, second_dual);
-        if (on_samples && !is_own) return;
+        if (predicted.reach(count, begin, end)) predicted.spread(given, count, wanted, begin, end, second_dual);
+        const bool comes_first = !on_samples && cells.reach(count, begin, end);
+        if (!is_own && !comes_first) return;
         gradient_piece<Dim, T>(predicted, second, given, per_mm, count, gradients);
         for (int lane = 0; lane < count; ++lane) given[lane] += step * gradients[lane];
         if (on_samples) {
           T* to = first_dual + Dim * site;
           const LaneVectors<T> before = vectors_of<Dim, T>(to, count);
           for (int lane = 0; lane < count; ++lane) put<Dim>(before[lane] + given[lane], to + Dim * lane);
-        } else {
+        } else if (comes_first) {
           mark_nonzero<Dim, T>(given, wanted);
           cells.spread(given, count, wanted, begin, end, first_dual);
         }

@@ -72,6 +72,18 @@ class CellLanes {
   /// Index along the last axis of one of the cells.
   int plane(int lane) const { return low_[Dim - 1][lane]; }
 
+  /// Whether any corner of the first `count` cells has an index along the last axis that is in [begin, end).
+  bool reach(int count, int begin, int end) const {
+    const int last = begin - (last_[Dim - 1] > 0);
+    int any = 0;
+#pragma omp simd reduction(| : any)
+    for (int lane = 0; lane < kLanes; ++lane) {
+      const int low = low_[Dim - 1][lane];
+      any |= (low >= last) & (low < end) & (lane < count);
+    }
+    return any;
+  }
+
   /// One of the cells.
   [[gnu::always_inline]] LinearCell<Dim, T> cell(int lane) const {
     LinearCell<Dim, T> cell;
@@ -164,8 +176,17 @@ class CellLanes {
   [[gnu::noinline]] void spread(const Vectors& given, int count, const LaneMask& wanted, int begin, int end,
                                 T* field) const {
     if constexpr (Dim == 3)
-      if (has_rows() && are_all(wanted, count) && are_within(count, begin, end))
-        return spread_rows(given, count, field);
+      if (has_rows())
+        return are_all(wanted, count) && are_within(count, begin, end)
+                   ? spread_rows(
+                         given, count, field, [](int) { return true; }, [](int) { return true; })
+                   : spread_rows(
+                         given, count, field,
+                         [&](int lane) { return wanted[lane] && low_[2][lane] >= begin && low_[2][lane] < end; },
+                         [&](int lane) {
+                           const int high = low_[2][lane] + (last_[2] > 0);
+                           return wanted[lane] && high >= begin && high < end;
+                         });
     for (int first = 0; first < kApart; ++first)
       for (int lane = first; lane < count; lane += kApart) {
         if (!wanted[lane]) continue;
@@ -253,8 +274,11 @@ class CellLanes {
   }
 
   /// Neighbouring sites write to the same corners: one after the other, each would wait until what the one before
-  /// wrote has arrived in the cache. Every fourth one comes later, when it has.
-  void spread_rows(const Vectors& given, int count, T* field) const {
+  /// wrote has arrived in the cache. Every fourth one comes later, when it has. `lower(lane)` and `upper(lane)`:
+  /// whether anything is added in the two planes of a cell.
+  template <class Lower, class Upper>
+  [[gnu::always_inline]] void spread_rows(const Vectors& given, int count, T* field, const Lower& lower,
+                                          const Upper& upper) const {
     Lanes weights[4];
     for (int lane = 0; lane < kLanes; ++lane) {
       const T y = fraction_[1][lane], z = fraction_[2][lane];
@@ -270,10 +294,14 @@ class CellLanes {
       for (int lane = first; lane < count; lane += kApart) {
         const typename CellRows<T>::Share share(given[lane], corners.x[lane]);
         T* const at = field + 3 * std::size_t{corners.base[lane]};
-        share.add(weights[0][lane], at);
-        share.add(weights[1][lane], at + row);
-        share.add(weights[2][lane], at + plane);
-        share.add(weights[3][lane], at + plane + row);
+        if (lower(lane)) {
+          share.add(weights[0][lane], at);
+          share.add(weights[1][lane], at + row);
+        }
+        if (upper(lane)) {
+          share.add(weights[2][lane], at + plane);
+          share.add(weights[3][lane], at + plane + row);
+        }
       }
   }
 
