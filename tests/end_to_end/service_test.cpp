@@ -1,10 +1,15 @@
+#include "server/launch/worker_environment.h"
 #include "tests/end_to_end/end_to_end.h"
 #include "tests/support/certificates.h"
 
+#include <algorithm>
 #include <csignal>
 #include <fstream>
+#include <iterator>
 #include <limits>
 #include <sstream>
+#include <thread>
+#include <utility>
 
 namespace saltus {
 namespace {
@@ -33,6 +38,39 @@ TEST_F(EndToEnd, RegistersWithoutAServerAndLeavesNothingBehind) {
     EXPECT_TRUE(std::filesystem::exists(out / name)) << name;
   EXPECT_TRUE(std::filesystem::is_empty(folder / "tmp"));
 }
+
+/// What `saltus register` gives to the environment of its worker, whose threads there are so many.
+class WorkerOfRegister : public EndToEnd, public testing::WithParamInterface<std::pair<int, const char*>> {
+ protected:
+  void SetUp() override {
+    EndToEnd::SetUp();
+    std::filesystem::create_directory(folder / "bin");
+    script("saltusd", programs + "/saltusd \"$@\" --worker " + (folder / "bin" / "worker").string());
+    script("worker", programs + "/saltus-worker \"$@\"", "echo $GOMP_SPINCOUNT > " + (folder / "turns").string());
+  }
+
+ private:
+  void script(const std::string& name, const std::string& program, const std::string& before = ":") const {
+    const std::filesystem::path file = folder / "bin" / name;
+    std::ofstream(file) << "#!/bin/sh\n" << before << "\nexec " << program << "\n";
+    std::filesystem::permissions(file, std::filesystem::perms::owner_all);
+  }
+};
+
+// One job has the machine's cores alone, as long as it does not ask for more threads than there are.
+TEST_P(WorkerOfRegister, ThreadsWaitAwakeWhereThereIsACoreForEach) {
+  std::vector<std::string> command = job({programs + "/saltus", "register", "--out", folder / "out"}, of_a_moment());
+  *std::next(std::find(command.begin(), command.end(), "--threads")) = std::to_string(GetParam().first);
+  auto variables = environment();
+  variables["SALTUS_BIN"] = folder / "bin";
+  ChildProcess child(command, variables);
+  EXPECT_EQ(child.wait(), 0) << child.err();
+  EXPECT_EQ(content_of(folder / "turns"), std::string(GetParam().second) + "\n");
+}
+
+INSTANTIATE_TEST_SUITE_P(, WorkerOfRegister,
+                         testing::Values(std::pair(0, server::kBriefWait), std::pair(1, server::kBriefWait),
+                                         std::pair(static_cast<int>(std::thread::hardware_concurrency()) + 1, "0")));
 
 TEST_F(EndToEnd, RegisterTellsJobAndReportAsJson) {
   const Outcome outcome = run(job({"register", "--json", "--out", folder / "out"}, of_a_moment()));
