@@ -16,6 +16,7 @@
 #include <fcntl.h>
 #include <poll.h>
 #include <spawn.h>
+#include <sys/file.h>
 #include <sys/syscall.h>
 #include <sys/wait.h>
 #include <unistd.h>
@@ -28,6 +29,7 @@ using Clock = std::chrono::steady_clock;
 
 constexpr std::chrono::seconds start_patience{20};
 constexpr std::chrono::seconds stop_patience{15};
+constexpr int most_threads = 1024;                // that saltusd can be given; it refuses the job itself
 constexpr std::size_t longest_socket_path = 107;  // sun_path of unix(7), less its final zero
 
 [[noreturn]] void fail(const std::string& what) {
@@ -108,6 +110,15 @@ PrivateDaemon::PrivateDaemon(const Work& work) {
 
 PrivateDaemon::~PrivateDaemon() { stop(); }
 
+/// That no other one holds the lock; from now on this one does, as long as it lives.
+bool PrivateDaemon::is_first(const fs::path& program) {
+  presence_ = ::open(program.c_str(), O_RDONLY | O_CLOEXEC);
+  if (presence_ < 0) return false;
+  const bool is_first = ::flock(presence_, LOCK_EX | LOCK_NB) == 0;
+  ::flock(presence_, LOCK_SH | LOCK_NB);  // where that fails, another one is just looking
+  return is_first;
+}
+
 void PrivateDaemon::start(const fs::path& program, const Work& work) {
   const Pipe to_daemon = make_pipe();
   stdin_write_end_ = to_daemon.write_end;
@@ -130,12 +141,12 @@ void PrivateDaemon::start(const fs::path& program, const Work& work) {
                                  // It goes with this command, so it need not leave room for a day's work.
                                  "--disk-reserve", "64M", "--slots", std::to_string(work.jobs)};
   // A job that names no number of threads gets its share of the cores, so one alone has them all. One that does gets
-  // what it asks for; of several the daemon then starts as many as the cores allow. No more than the cores unless asked
-  // for: only where each thread has its own may they stay awake from loop to loop (server/launch/worker_environment.h).
+  // what it asks for; of several the daemon then starts as many as the cores allow. A budget of more than the cores
+  // tells it that others may want them (server/launch/local_launcher.cpp).
   const int cores = static_cast<int>(std::max(1u, std::thread::hardware_concurrency()));
-  const int each = work.threads > 0 ? work.threads : std::max(1, cores / work.jobs);
-  words.insert(words.end(), {"--threads-per-job", std::to_string(each), "--threads",
-                             std::to_string(std::max(cores, each))});
+  const int each = work.threads > 0 ? std::min(work.threads, most_threads) : std::max(1, cores / work.jobs);
+  const int all = is_first(program) || work.jobs > 1 ? std::max(cores, each) : most_threads;
+  words.insert(words.end(), {"--threads-per-job", std::to_string(each), "--threads", std::to_string(all)});
   std::vector<char*> arguments;
   for (std::string& word : words) arguments.push_back(word.data());
   arguments.push_back(nullptr);
@@ -177,7 +188,8 @@ void PrivateDaemon::stop() {
     waitpid(process_, nullptr, 0);
   }
   if (stdout_read_end_ >= 0) close(stdout_read_end_);
-  stdin_write_end_ = stdout_read_end_ = -1;
+  if (presence_ >= 0) close(presence_);
+  stdin_write_end_ = stdout_read_end_ = presence_ = -1;
   process_ = -1;
   std::error_code ignored;  // nothing can be done about a folder that cannot be removed, and nothing depends on it
   fs::remove_all(folder_, ignored);

@@ -7,7 +7,9 @@
 
 namespace saltus::cli {
 
-/// A saltusd for one command: on a unix socket in a new folder that only this user can open, its data beside it.
+/// A saltusd for one command: on a unix socket in a new folder that only this user can open, its data beside it. Its
+/// workers' threads wait awake for each other only while there is a core for each and no other such daemon was there
+/// before, since they would take the other's time.
 ///
 /// The constructor returns when the daemon listens; the destructor ends it, waits for it and removes the folder. The
 /// daemon ends by itself when this process dies, because it watches a pipe that only this process holds.
@@ -27,6 +29,7 @@ class PrivateDaemon {
   const std::string& address() const { return address_; }
 
  private:
+  bool is_first(const std::filesystem::path& program);
   void start(const std::filesystem::path& program, const Work& work);
   void wait_until_it_listens();
   void stop();
@@ -34,6 +37,7 @@ class PrivateDaemon {
   std::filesystem::path folder_;
   std::string address_;
   pid_t process_ = -1;
+  int presence_ = -1;  ///< what all private daemons of a program hold a lock on, the program itself
   int stdin_write_end_ = -1;
   int stdout_read_end_ = -1;
 };

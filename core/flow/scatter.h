@@ -154,9 +154,9 @@ void for_cells(const Points& points, const Lattice<Dim>& target, Visit&& visit) 
 /// * value[c]. `value(first point, how many, out, wanted)` fills `out` and says who has anything to add; it is called
 /// more than once for a few points, from several threads.
 ///
-/// A thread owns a range of planes (last axis) and passes over the chunks that reach none of them, and the pieces of
-/// the others, so each target value receives its terms in the same order always: the result does not depend on the
-/// number of threads.
+/// A thread owns a range of planes (last axis) and passes over the chunks that reach none of them and, of those that
+/// do, over the pieces that reach none. So each target value receives its terms in the same order always: the result
+/// does not depend on the number of threads.
 ///
 /// visit(first point, how many, their cells, their values, which are the thread's own) for pieces of which some points
 /// are; each point is one thread's own. A value of who has nothing to add is as `value` left it.

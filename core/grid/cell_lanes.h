@@ -275,7 +275,7 @@ class CellLanes {
 
   /// Neighbouring sites write to the same corners: one after the other, each would wait until what the one before
   /// wrote has arrived in the cache. Every fourth one comes later, when it has. `lower(lane)` and `upper(lane)`:
-  /// whether anything is added in the two planes of a cell.
+  /// whether a cell's lower plane is added to, and its upper one.
   template <class Lower, class Upper>
   [[gnu::always_inline]] void spread_rows(const Vectors& given, int count, T* field, const Lower& lower,
                                           const Upper& upper) const {

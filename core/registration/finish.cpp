@@ -185,35 +185,6 @@ class Undoing {
   double close_;
 };
 
-/// Slabs of a lattice that follow each other.
-template <int Dim>
-struct LatticePart {
-  int begin, end;
-  std::size_t first_site;
-  Lattice<Dim> lattice;
-};
-
-/// In parts of about as many sites as are worth all threads, so that what is kept of each is little beside the whole.
-/// They do not depend on the threads.
-template <int Dim>
-std::vector<LatticePart<Dim>> parts_of(const Lattice<Dim>& lattice) {
-  constexpr std::size_t kSites = std::size_t{1} << 20;
-  constexpr int kLeastSlabs = 16;
-  const int slabs = lattice.size[Dim - 1];
-  const std::size_t slab_sites = lattice.sites() / static_cast<std::size_t>(slabs);
-  const int together = std::max(kLeastSlabs, static_cast<int>(kSites / slab_sites)),
-            count = std::max(1, slabs / together);
-  std::vector<LatticePart<Dim>> parts;
-  for (int i = 0; i < count; ++i) {
-    const auto cut = [=](int at) { return static_cast<int>(static_cast<long>(slabs) * at / count); };
-    LatticePart<Dim> part{cut(i), cut(i + 1), static_cast<std::size_t>(cut(i)) * slab_sites, lattice};
-    part.lattice.size[Dim - 1] = part.end - part.begin;
-    part.lattice.offset[Dim - 1] += part.begin * lattice.spacing[Dim - 1];
-    parts.push_back(part);
-  }
-  return parts;
-}
-
 /// Fills the inverse displacement and the summary's consistency. It starts at moving voxels: y -> frame point A^-1 y,
 /// forward with the flow, to where `backward` leads back to it, back to world.
 template <int Dim>
@@ -235,56 +206,54 @@ void write_inverse(const RegistrationInput<Dim>& input, const Lattice<Dim>& latt
   const AffineOfIndex<Dim> back_at_start([&](const Vector<Dim>& index) -> Vector<Dim> {
     return fixed.origin + fixed.direction * frame_of(index) - moving.to_world(index);
   });
+  Field<float> moved(Dim * moving_lattice.sites());  // from the moving image's own sites
+#pragma omp parallel for schedule(static)
+  for (int slab = 0; slab < moving_lattice.size[Dim - 1]; ++slab)
+    visit_slab<Dim>(moving_lattice, slab, [&](const Index<Dim>& index, std::size_t site) {
+      const Vector<Dim> apart = start_from_site(index);
+      for (int c = 0; c < Dim; ++c) moved[Dim * site + c] = static_cast<float>(apart[c]);
+    });
+  move_forward<Dim, float>(moving_lattice, lattice, velocities, moved);
+
   result.inverse_displacement = VectorVolume<Dim>(moving);
   std::array<float*, Dim> inverse_displacement;
   for (int c = 0; c < Dim; ++c) inverse_displacement[c] = result.inverse_displacement.component(c);
   const Undoing<Dim> undoing(lattice_of(fixed), backward);
   std::vector<float> consistency(moving_lattice.sites());
   const auto all = BlockMask<Dim>::all(moving_lattice);
-  Field<float> moved;  // of a part, from the moving image's own sites
-  for (const LatticePart<Dim>& part : parts_of(moving_lattice)) {
-    moved.resize(Dim * part.lattice.sites());
 #pragma omp parallel for schedule(static)
-    for (int slab = part.begin; slab < part.end; ++slab)
-      visit_slab<Dim>(moving_lattice, slab, [&](const Index<Dim>& index, std::size_t site) {
-        const Vector<Dim> apart = start_from_site(index);
-        for (int c = 0; c < Dim; ++c) moved[Dim * (site - part.first_site) + c] = static_cast<float>(apart[c]);
-      });
-    move_forward<Dim, float>(part.lattice, lattice, velocities, moved);
-#pragma omp parallel for schedule(static)
-    for (int slab = part.begin; slab < part.end; ++slab)
-      all.visit_pieces(
-          moving_lattice, slab, Undoing<Dim>::kLanes, [&](const Index<Dim>& index, std::size_t site, int count) {
-            const Vector<Dim> first = start(index), first_back = back_at_start(index);
-            LanePoints<Dim, float> apart{};
-            Vector<Dim> from_site = start_from_site(index);
-            for (int lane = 0; lane < count; ++lane, from_site += start_from_site.step())
-              for (int c = 0; c < Dim; ++c)
-                apart[c][lane] = static_cast<float>(
-                    moved[Dim * (site - part.first_site + static_cast<std::size_t>(lane)) + c] - from_site[c]);
-            typename Undoing<Dim>::Lanes square;
-            undoing.of_row(first, start.step(), count, apart, square);
-            for (int lane = 0; lane < count; ++lane) {
-              Undone<Dim> found{{}, {}, square[lane]};
-              Vector<Dim> way;
-              for (int c = 0; c < Dim; ++c) way[c] = apart[c][lane];
+  for (int slab = 0; slab < moving_lattice.size[Dim - 1]; ++slab)
+    all.visit_pieces(
+        moving_lattice, slab, Undoing<Dim>::kLanes, [&](const Index<Dim>& index, std::size_t site, int count) {
+          const Vector<Dim> first = start(index), first_back = back_at_start(index);
+          LanePoints<Dim, float> apart{};
+          Vector<Dim> from_site = start_from_site(index);
+          for (int lane = 0; lane < count; ++lane, from_site += start_from_site.step())
+            for (int c = 0; c < Dim; ++c)
+              apart[c][lane] =
+                  static_cast<float>(moved[Dim * (site + static_cast<std::size_t>(lane)) + c] - from_site[c]);
+          typename Undoing<Dim>::Lanes square;
+          undoing.of_row(first, start.step(), count, apart, square);
+          for (int lane = 0; lane < count; ++lane) {
+            Undone<Dim> found{{}, {}, square[lane]};
+            Vector<Dim> way;
+            for (int c = 0; c < Dim; ++c) way[c] = apart[c][lane];
+            if (!undoing.is_close(found)) {
+              const Vector<Dim> y = first + lane * start.step();
+              found = undoing.of(y, y + way);
+              // Where that finds no way, across a fold or a jump, the flow is undone step by step first.
               if (!undoing.is_close(found)) {
-                const Vector<Dim> y = first + lane * start.step();
-                found = undoing.of(y, y + way);
-                // Where that finds no way, across a fold or a jump, the flow is undone step by step first.
-                if (!undoing.is_close(found)) {
-                  const Undone<Dim> other = undoing.of(y, forward_point<Dim, float>(lattice, velocities, y));
-                  if (other.square < found.square) found = other;
-                }
-                way = found.at - y;
+                const Undone<Dim> other = undoing.of(y, forward_point<Dim, float>(lattice, velocities, y));
+                if (other.square < found.square) found = other;
               }
-              const Vector<Dim> back = first_back + lane * back_at_start.step() + fixed.direction * way;
-              for (int c = 0; c < Dim; ++c)
-                inverse_displacement[c][site + static_cast<std::size_t>(lane)] = static_cast<float>(back[c]);
-              consistency[site + static_cast<std::size_t>(lane)] = static_cast<float>(std::sqrt(found.square));
+              way = found.at - y;
             }
-          });
-  }
+            const Vector<Dim> back = first_back + lane * back_at_start.step() + fixed.direction * way;
+            for (int c = 0; c < Dim; ++c)
+              inverse_displacement[c][site + static_cast<std::size_t>(lane)] = static_cast<float>(back[c]);
+            consistency[site + static_cast<std::size_t>(lane)] = static_cast<float>(std::sqrt(found.square));
+          }
+        });
   result.summary.inverse_consistency_mm = ranking_of(consistency.size(), consistency.data()).at(consistency.size() / 2);
 }
 

@@ -54,14 +54,15 @@ struct RegistrationOptions {
     int scales = 0;         ///< number of order-0 scales, each twice as wide as the next; 0: one a level
     int finest_scale = -1;  ///< q: the finest order-0 scale has 2^q reference voxels; -1: that of the finest level, but
                             ///< where order 0 is Gaussian and the similarity not ssd at least 1 in 2-D, and in 3-D
-                            ///< where accurate takes voxels of up to 1.5 mm; -2: the next coarser
+                            ///< where accurate takes voxels of up to 1.5 mm; at least 1 as well for Wendland1 in 3-D;
+                            ///< -2: the next coarser
     double regularisation = 0.01;  ///< weight of 1/2 ||v_0||^2, per mm^2; 0: by similarity, and with ssd
                                    ///< less in 3-D, as measured (core/README.md, "Regularisation")
     /// That, once first orders take part; 0: no other, but ten times as much for auto with lncc where the preset is
     /// not fast, as measured (core/README.md, "Regularisation").
     double regularisation_beside_first = 0;
-    int first_order_scales = 0;                ///< number of order-1 scales; 0 leaves order 1 out
-    int first_order_finest_scale = -1;         ///< as finest_scale, for order 1 (-1 or more)
+    int first_order_scales = 0;         ///< number of order-1 scales; 0 leaves order 1 out
+    int first_order_finest_scale = -1;  ///< that of order 1; -1: the finest level's, for Wendland1 in 3-D at least 1
     double first_order_regularisation = 0.01;  ///< weight of 1/2 ||v_i||^2, per mm^2
     double sparsity = 0;        ///< lambda of the group L1 on a_1 m_i (a velocity), per mm; -1: as was measured
     double sparsity_noise = 0;  ///< lambda is `sparsity` times 1 + (noise of the finest level's images) / this; 0: it

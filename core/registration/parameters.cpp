@@ -255,8 +255,7 @@ const std::vector<Parameter>& parameters() {
           "finest_scale", "", -2, 7,
           "voxel of the finest order-0 scale is 2^this reference voxels; -1: the finest level's, but where order 0 is "
           "Gaussian and the similarity not ssd at least 1 in 2-D, and in 3-D where accurate takes voxels of up to 1.5 "
-          "mm; -2: "
-          "the next coarser",
+          "mm; at least 1 as well for wendland1 in 3-D; -2: the next coarser",
           [](O & o) -> auto& { return o.momenta.finest_scale; }),
       real(
           "regularisation", "per mm^2", 0, Lower::Inclusive, inf,
@@ -271,7 +270,8 @@ const std::vector<Parameter>& parameters() {
           "first_order_scales", "", 0, 8, "number of order-1 scales; 0 leaves order 1 out",
           [](O & o) -> auto& { return o.momenta.first_order_scales; }),
       integer(
-          "first_order_finest_scale", "", -1, 7, "as finest_scale, for order 1",
+          "first_order_finest_scale", "", -1, 7,
+          "as finest_scale, for order 1; -1: the finest level's, for wendland1 in 3-D at least 1",
           [](O & o) -> auto& { return o.momenta.first_order_finest_scale; }),
       real(
           "first_order_regularisation", "per mm^2", 0, Lower::Exclusive, inf,

@@ -70,6 +70,10 @@ bool are_elements_narrow(int dimension, SimilarityType similarity) {
 constexpr double kNarrowElement = 0.5;  // of the first orders' width
 constexpr double kLeastElement = 0.35;
 
+/// Both orders at all sites of an image of full resolution take 800 bytes a voxel. At every second one they take less
+/// than a third of that and of the time; what is lost beside interfaces is gained elsewhere (core/README.md, "Memory").
+bool are_momenta_coarse(int dimension, Model model) { return dimension == 3 && model == Model::Wendland1; }
+
 /// With lncc, beside first orders that were let in: what is sharp is theirs, and order 0 draws it out no more
 /// (core/README.md, "Regularisation").
 constexpr double kStifferBesideFirst = 10;
@@ -118,6 +122,7 @@ RegistrationOptions resolved(const RegistrationOptions& options, const Lattice<D
     const bool sees_finer = o.preset == Preset::Accurate && options.pyramid.finest_level < 0 && is_fine(reference_mm);
     if ((Dim == 2 || sees_finer) && is_zeroth_gaussian(o.model) && o.similarity != SimilarityType::Ssd)
       scale = std::max(scale, 1);
+    if (are_momenta_coarse(Dim, o.model)) scale = std::max(scale, 1);
     o.momenta.finest_scale = std::min(scale, o.pyramid.levels - 1);
   }
   o.similarity_parameters.lncc_radius_voxels = lncc_radius_voxels(o.similarity_parameters, Dim);
@@ -126,7 +131,9 @@ RegistrationOptions resolved(const RegistrationOptions& options, const Lattice<D
     o.momenta.regularisation = o.similarity == SimilarityType::Ssd
                                    ? (Dim == 2 ? 3e-6 : 1e-6)
                                    : default_options(o.model, o.similarity, o.preset).momenta.regularisation;
-  if (o.momenta.first_order_finest_scale < 0) o.momenta.first_order_finest_scale = finest;
+  if (o.momenta.first_order_finest_scale < 0)
+    o.momenta.first_order_finest_scale =
+        are_momenta_coarse(Dim, o.model) ? std::clamp(1, finest, std::max(finest, o.pyramid.levels - 1)) : finest;
   if (o.momenta.sparsity < 0)
     o.momenta.sparsity = o.model == Model::Auto && o.similarity == SimilarityType::Lncc
                              ? lncc_sparsity(Dim, o.preset)

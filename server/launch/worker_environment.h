@@ -7,11 +7,18 @@
 namespace saltus::server {
 
 /// GOMP_SPINCOUNT of workers whose threads have cores of their own: so many turns a thread stays awake for the next
-/// loop before it sleeps; waking it takes longer than many a loop. Two threads on a liver pair (166x195x25, median
-/// seconds of the levels, one thread 1.14): 1.13 with 2000 turns and loops of 64K sites and more shared out, 0.98 with
-/// loops of 16K sites, 0.71 with these turns, and no less with five times as many. Where other workers wait for the
-/// same core it only takes their time: two pairs at once on two cores took 19 s instead of 15 already with 1000 turns.
-inline constexpr const char* kBriefWait = "20000";
+/// loop before it sleeps; waking it takes longer than many a loop. Where another program wants the same core it only
+/// takes its time. Two threads on a liver pair (166x195x25; medians of 2 to 5 runs, seconds of the registration, one
+/// thread 1.3 and 3.6), alone and beside a program that keeps one of the two cores busy:
+///
+///     turns          0     500   1000  2000  5000  20000
+///     auto           1.46  1.10  1.05  1.06  1.13  1.06
+///       beside one   1.72  1.85  1.9   2.6   3.3   5.3
+///     sliding        3.5   2.6   2.7   2.7   2.5   2.5
+///       beside one   4.3   4.6   5.3   5.7   7.4   12.5
+///
+/// Two pairs at once on two cores, of which one waits awake: 6.4 s with none, 6.2, 6.1 and, with 2000 turns, 7.0 s.
+inline constexpr const char* kBriefWait = "1000";
 
 /// Lets malloc ask for pages of 2 MiB where the kernel leaves that to programs: a pair takes 5 to 10 % less processor
 /// time, most of it in what threads cannot share, the first touch of new memory. Fields are used wholly, so no more of

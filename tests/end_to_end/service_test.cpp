@@ -39,8 +39,8 @@ TEST_F(EndToEnd, RegistersWithoutAServerAndLeavesNothingBehind) {
   EXPECT_TRUE(std::filesystem::is_empty(folder / "tmp"));
 }
 
-/// What `saltus register` gives to the environment of its worker, whose threads there are so many.
-class WorkerOfRegister : public EndToEnd, public testing::WithParamInterface<std::pair<int, const char*>> {
+/// What `saltus register` gives to the environment of its worker.
+class WorkerOfRegister : public EndToEnd {
  protected:
   void SetUp() override {
     EndToEnd::SetUp();
@@ -48,6 +48,15 @@ class WorkerOfRegister : public EndToEnd, public testing::WithParamInterface<std
     script("saltusd", programs + "/saltusd \"$@\" --worker " + (folder / "bin" / "worker").string());
     script("worker", programs + "/saltus-worker \"$@\"", "echo $GOMP_SPINCOUNT > " + (folder / "turns").string());
   }
+
+  ChildProcess start_with(int threads, const std::vector<std::string>& what) const {
+    std::vector<std::string> command = job({programs + "/saltus", "register", "--out", folder / "out"}, what);
+    *std::next(std::find(command.begin(), command.end(), "--threads")) = std::to_string(threads);
+    auto variables = environment();
+    variables["SALTUS_BIN"] = folder / "bin";
+    return ChildProcess(command, variables);
+  }
+  std::string turns() const { return content_of(folder / "turns"); }
 
  private:
   void script(const std::string& name, const std::string& program, const std::string& before = ":") const {
@@ -57,20 +66,30 @@ class WorkerOfRegister : public EndToEnd, public testing::WithParamInterface<std
   }
 };
 
-// One job has the machine's cores alone, as long as it does not ask for more threads than there are.
-TEST_P(WorkerOfRegister, ThreadsWaitAwakeWhereThereIsACoreForEach) {
-  std::vector<std::string> command = job({programs + "/saltus", "register", "--out", folder / "out"}, of_a_moment());
-  *std::next(std::find(command.begin(), command.end(), "--threads")) = std::to_string(GetParam().first);
-  auto variables = environment();
-  variables["SALTUS_BIN"] = folder / "bin";
-  ChildProcess child(command, variables);
-  EXPECT_EQ(child.wait(), 0) << child.err();
-  EXPECT_EQ(content_of(folder / "turns"), std::string(GetParam().second) + "\n");
+TEST_F(WorkerOfRegister, ThreadsWaitAwakeWhereThereIsACoreForEach) {
+  const int cores = static_cast<int>(std::thread::hardware_concurrency());
+  for (const auto& [threads, expected] :
+       {std::pair(0, server::kBriefWait), {1, server::kBriefWait}, {cores + 1, "0"}}) {
+    SCOPED_TRACE(threads);
+    ChildProcess child = start_with(threads, of_a_moment());
+    EXPECT_EQ(child.wait(), 0) << child.err();
+    EXPECT_EQ(turns(), std::string(expected) + "\n");
+  }
 }
 
-INSTANTIATE_TEST_SUITE_P(, WorkerOfRegister,
-                         testing::Values(std::pair(0, server::kBriefWait), std::pair(1, server::kBriefWait),
-                                         std::pair(static_cast<int>(std::thread::hardware_concurrency()) + 1, "0")));
+TEST_F(WorkerOfRegister, ThreadsSleepWhileAnotherRegistrationRuns) {
+  ChildProcess before = start_with(1, of_minutes());
+  before.wait_for_output("iteration");
+  EXPECT_EQ(turns(), std::string(server::kBriefWait) + "\n");
+  ChildProcess child = start_with(1, of_a_moment());
+  EXPECT_EQ(child.wait(), 0) << child.err();
+  EXPECT_EQ(turns(), "0\n");
+  before.signal(SIGINT);
+  EXPECT_EQ(before.wait(), 4);
+  ChildProcess after = start_with(1, of_a_moment());
+  EXPECT_EQ(after.wait(), 0) << after.err();
+  EXPECT_EQ(turns(), std::string(server::kBriefWait) + "\n");
+}
 
 TEST_F(EndToEnd, RegisterTellsJobAndReportAsJson) {
   const Outcome outcome = run(job({"register", "--json", "--out", folder / "out"}, of_a_moment()));

@@ -6,6 +6,8 @@
 #include "core/grid/noise.h"
 #include "core/registration/options.h"
 
+#include <utility>
+
 namespace saltus {
 namespace {
 
@@ -30,6 +32,27 @@ TEST(ResolvedOptions, BeginAGaussianAtTwoPixelsInPlanes) {
   EXPECT_EQ(resolved(default_options(Model::Wendland1, SimilarityType::Lncc, Preset::Balanced), plane(1))
                 .momenta.finest_scale,
             0);
+}
+
+// core/README.md, "Memory".
+TEST(ResolvedOptions, HaveNoFirstOrdersAtAllVoxelsOfAVolume) {
+  const auto finest = [](RegistrationOptions options, double mm) {
+    const RegistrationOptions::Momenta of = resolved(options, block(mm)).momenta;
+    return std::pair(of.finest_scale, of.first_order_finest_scale);
+  };
+  for (const Preset preset : {Preset::Balanced, Preset::Accurate})
+    for (const double mm : {1.0, 2.5}) {
+      SCOPED_TRACE(mm);
+      RegistrationOptions options = default_options(Model::Wendland1, SimilarityType::Ncc, preset);
+      EXPECT_EQ(finest(options, mm), std::pair(1, 1));
+      options.momenta.finest_scale = options.momenta.first_order_finest_scale = 0;
+      EXPECT_EQ(finest(options, mm), std::pair(0, 0));
+      options.momenta.finest_scale = options.momenta.first_order_finest_scale = -1;
+      options.pyramid.levels = 1;  // there is no coarser lattice
+      EXPECT_EQ(finest(options, mm), std::pair(0, 0));
+    }
+  // Those of blocks may be as fine as the images.
+  EXPECT_EQ(finest(default_options(Model::Sliding, SimilarityType::Ncc, Preset::Balanced), 2.5), std::pair(0, 0));
 }
 
 TEST(ResolvedOptions, LetAccurateSeeFinerImagesWithTheSameKernels) {

@@ -68,10 +68,20 @@ TEST_F(FirstTouch, OnlyTheFirstThreadHasATeam) {
 TEST_F(FirstTouch, ALoopWithinALoopTouchesNothing) {
   omp_set_num_threads(2);
   double share = 1;
-#pragma omp parallel
+  for (const bool is_shared : {true, false}) {
+#pragma omp parallel if (is_shared)
 #pragma omp master
-  share = touched_share_of_new();
-  EXPECT_LT(share, 0.5);
+    share = touched_share_of_new();
+    EXPECT_LT(share, 0.5) << is_shared;
+  }
+}
+
+TEST_F(FirstTouch, AnyAlignmentIsGiven) {
+  for (std::size_t alignment = 1; alignment <= 4096; alignment *= 2) {
+    void* block = ::operator new (100, std::align_val_t{alignment});
+    EXPECT_EQ(reinterpret_cast<std::uintptr_t>(block) % alignment, 0u) << alignment;
+    ::operator delete (block, std::align_val_t{alignment});
+  }
 }
 
 int calls = 0;
