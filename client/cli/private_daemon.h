@@ -7,9 +7,9 @@
 
 namespace saltus::cli {
 
-/// A saltusd for one command: on a unix socket in a new folder that only this user can open, its data beside it. Its
-/// workers' threads wait awake for each other only while there is a core for each and no other such daemon was there
-/// before, since they would take the other's time.
+/// A saltusd for one command: on a unix socket in a new folder that only this user can open, its data beside it. The
+/// threads of its workers wait awake for each other only where there is a core for each and, with one job at a time,
+/// no other such daemon was there before, since they would take the other's time.
 ///
 /// The constructor returns when the daemon listens; the destructor ends it, waits for it and removes the folder. The
 /// daemon ends by itself when this process dies, because it watches a pipe that only this process holds.

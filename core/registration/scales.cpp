@@ -70,8 +70,8 @@ bool are_elements_narrow(int dimension, SimilarityType similarity) {
 constexpr double kNarrowElement = 0.5;  // of the first orders' width
 constexpr double kLeastElement = 0.35;
 
-/// Both orders at all sites of an image of full resolution take 800 bytes a voxel. At every second one they take less
-/// than a third of that and of the time; what is lost beside interfaces is gained elsewhere (core/README.md, "Memory").
+/// Both orders at all sites of an image of full resolution take 800 bytes a voxel. At every second one they take a
+/// third to a half of that and of the time; errors are less but beside large jumps (core/README.md, "Memory").
 bool are_momenta_coarse(int dimension, Model model) { return dimension == 3 && model == Model::Wendland1; }
 
 /// With lncc, beside first orders that were let in: what is sharp is theirs, and order 0 draws it out no more
