@@ -50,18 +50,19 @@ BlockMask<Dim> BlockMask<Dim>::dilated(int axis, int sites) const {
   for (int a = 0; a < axis; ++a) inner *= static_cast<std::size_t>(blocks_[a]);
   const std::size_t slab = inner * static_cast<std::size_t>(length), slabs = marks_.size() / slab;
   BlockMask result = *this;
-  std::vector<int> since(inner);  // blocks since the last one that was in
-  for (std::size_t s = 0; s < slabs; ++s)
-    for (const bool up : {true, false}) {
-      std::fill(since.begin(), since.end(), reach + 1);
-      for (int i = 0; i < length; ++i) {
-        const std::size_t at = s * slab + static_cast<std::size_t>(up ? i : length - 1 - i) * inner;
-        for (std::size_t k = 0; k < inner; ++k) {
-          since[k] = marks_[at + k] ? 0 : since[k] + (since[k] <= reach);
-          result.marks_[at + k] |= since[k] <= reach;
-        }
-      }
+  // Block by block moved along, many blocks at once.
+  const auto join = [](const char* from, std::size_t count, char* to) {
+    for (std::size_t k = 0; k < count; ++k) to[k] |= from[k];
+  };
+  for (std::size_t s = 0; s < slabs; ++s) {
+    const char* from = marks_.data() + s * slab;
+    char* to = result.marks_.data() + s * slab;
+    for (int away = 1; away <= reach && away < length; ++away) {
+      const std::size_t apart = static_cast<std::size_t>(away) * inner;
+      join(from, slab - apart, to + apart);
+      join(from + apart, slab - apart, to);
     }
+  }
   return result;
 }
 

@@ -64,7 +64,6 @@ void OrientedMomenta<Dim, T>::add_velocity(const std::vector<Element>& elements,
   PaddedField<Dim, T> sum(options_.lattice, by_component_);
   const T factor = static_cast<T>(options_.weight * options_.lattice.cell_volume());
   sum.clear();
-  const std::size_t row = sum.row();
   for_ranges_of_planes(options_.lattice.size[Dim - 1], kPlanesTogether<Dim>, [&](int begin, int end) {
     for (std::size_t e = 0; e < elements.size(); ++e) {
       const T* c = momenta + kComponents * e;
@@ -80,12 +79,12 @@ void OrientedMomenta<Dim, T>::add_velocity(const std::vector<Element>& elements,
       T* out[Dim];
       for (int a = 0; a < Dim; ++a) out[a] = sum.component(a);
       visit_lanes<Dim, T>(options_.lattice, orientation.reaches(), place, begin, end,
-                          [&](std::size_t at, const Register<T>* r) {
+                          [=](std::size_t at, const Register<T>* r) {
                             Register<T> shape = p[0].slope_shape(p[0].ends(r[0]));
                             for (int k = 1; k < Dim; ++k) shape *= p[k].value_shape(p[k].ends(r[k]));
                             for (int a = 0; a < Dim; ++a) {
                               T* to = out[a] + at;
-                              store_tile<T>(load_tile<T>(to, row) + shape * vector[a], to, row);
+                              store<T>(load<T>(to) + shape * vector[a], to);
                             }
                           });
     }
@@ -107,7 +106,6 @@ auto OrientedMomenta<Dim, T>::pull(const Orientation& orientation, const Placeme
   T v[Dim];
   for (int a = 0; a < Dim; ++a) v[a] = vector[a];
   const PaddedField<Dim, T> duals(options_.lattice, by_component_);
-  const std::size_t row = duals.row();
   const T* dual[Dim];
   for (int a = 0; a < Dim; ++a) dual[a] = duals.component(a);
   Register<T> pulled[Dim] = {}, force[Dim] = {}, turning[kPairs] = {};
@@ -117,7 +115,7 @@ auto OrientedMomenta<Dim, T>::pull(const Orientation& orientation, const Placeme
         typename AveragedWendland<T>::template Ends<Register<T>> ends[Dim];
         Register<T> own[Dim], f[Dim];
         for (int k = 0; k < Dim; ++k) {
-          own[k] = load_tile<T>(dual[k] + at, row);
+          own[k] = load<T>(dual[k] + at);
           ends[k] = p[k].ends(r[k]);
           f[k] = k == 0 ? p[k].slope_shape(ends[k]) : p[k].value_shape(ends[k]);
         }

@@ -60,7 +60,6 @@ void OrientedMomenta<Dim, T>::add_transported(const std::vector<Element>& elemen
   PaddedField<Dim, T> sum(options_.lattice, by_component_);
   const T factor = static_cast<T>(options_.weight * options_.lattice.cell_volume());
   sum.clear();
-  const std::size_t row = sum.row();
   for_ranges_of_planes(options_.lattice.size[Dim - 1], kPlanesTogether<Dim>, [&](int begin, int end) {
     for (std::size_t e = 0; e < elements.size(); ++e) {
       if (is_idle<Dim, T>(at_start + kComponents * e)) continue;
@@ -76,7 +75,7 @@ void OrientedMomenta<Dim, T>::add_transported(const std::vector<Element>& elemen
                             const Register<T> whole = shapes.others(-1);
                             for (int a = 0; a < Dim; ++a) {
                               T* to = sum.component(a) + at;
-                              store_tile<T>(load_tile<T>(to, row) + (derived * first[a] + whole * zeroth[a]), to, row);
+                              store<T>(load<T>(to) + (derived * first[a] + whole * zeroth[a]), to);
                             }
                           });
     }
@@ -91,7 +90,6 @@ TransportedElement<Dim, T> OrientedMomenta<Dim, T>::transported_dual(const Orien
                                                                      const TransportedElement<Dim, T>& one) const {
   using Column = Eigen::Matrix<T, Dim, 1>;
   const PaddedField<Dim, T> dual(options_.lattice, by_component_);
-  const std::size_t row = dual.row();
   const T factor = static_cast<T>(options_.weight * options_.lattice.cell_volume());
   const T per_sigma = static_cast<T>(1 / options_.normal_width_mm());
   const Column along = one.place.axes * one.derivative, first = factor * one.first, zeroth = factor * one.zeroth;
@@ -104,7 +102,7 @@ TransportedElement<Dim, T> OrientedMomenta<Dim, T>::transported_dual(const Orien
                         for (int k = 0; k < Dim; ++k) derived += along[k] * shapes.slope[k] * shapes.others(k);
                         const Register<T> whole = shapes.others(-1);
                         for (int a = 0; a < Dim; ++a) {
-                          const Register<T> d = load_tile<T>(dual.component(a) + at, row);
+                          const Register<T> d = load<T>(dual.component(a) + at);
                           to_first[a] += derived * d;
                           to_zeroth[a] += whole * d;
                           of_first += first[a] * d;

@@ -9,6 +9,7 @@
 #include <deque>
 #include <stdexcept>
 #include <tuple>
+#include <type_traits>
 
 namespace saltus {
 namespace {
@@ -68,30 +69,49 @@ void store(const std::vector<T>& values, std::vector<Stored<T>>& stored) {
   for (std::size_t i = 0; i < count; ++i) stored[i] = values[i];
 }
 
-template <class T>
-double norm(const T* values, int count) {
+template <class T, class Count>
+double square(const T* values, Count count) {
   double sum = 0;
   for (int k = 0; k < count; ++k) sum += static_cast<double>(values[k]) * values[k];
-  return std::sqrt(sum);
+  return sum;
 }
 
-/// Calls visit(first value of the group, the group's weight) for every group.
+/// What `with` gives for the size of the range's groups: a constant where it is one that fields have.
+template <class With>
+auto with_group_size(const GroupSparsity& range, With&& with) {
+  switch (range.group) {
+    case 1:
+      return with(std::integral_constant<int, 1>());
+    case 2:
+      return with(std::integral_constant<int, 2>());
+    case 3:
+      return with(std::integral_constant<int, 3>());
+    default:
+      return with(range.group);
+  }
+}
+
+/// Calls visit(first value of the group, the group's weight, its size) for every group.
 template <class Visit>
 void for_groups(const GroupSparsity& range, Visit&& visit) {
-  const std::size_t groups = (range.end - range.begin) / static_cast<std::size_t>(range.group);
+  with_group_size(range, [&](auto size) {
+    const std::size_t groups = (range.end - range.begin) / static_cast<std::size_t>(size);
 #pragma omp parallel for schedule(static) if (is_worth_threads(groups))
-  for (std::size_t g = 0; g < groups; ++g)
-    visit(range.begin + g * static_cast<std::size_t>(range.group), range.weight_of(g));
+    for (std::size_t g = 0; g < groups; ++g)
+      visit(range.begin + g * static_cast<std::size_t>(size), range.weight_of(g), size);
+  });
 }
 
 template <class T>
 double sparsity_energy(const std::vector<GroupSparsity>& ranges, const std::vector<T>& x) {
   double energy = 0;
   for (const GroupSparsity& range : ranges) {
-    const std::size_t groups = (range.end - range.begin) / static_cast<std::size_t>(range.group);
-    energy += ordered_sum(groups, [&](std::size_t g) {
-      const double size = norm(x.data() + range.begin + g * static_cast<std::size_t>(range.group), range.group);
-      return size > 0 ? range.weight_of(g) * size : 0.0;  // the weight of a group kept at zero is infinite
+    energy += with_group_size(range, [&](auto size) {
+      const std::size_t groups = (range.end - range.begin) / static_cast<std::size_t>(size);
+      return ordered_sum(groups, [&](std::size_t g) {
+        const double sum = square(x.data() + range.begin + g * static_cast<std::size_t>(size), size);
+        return sum > 0 ? range.weight_of(g) * std::sqrt(sum) : 0.0;  // that of a group kept at zero is infinite
+      });
     });
   }
   return energy;
@@ -102,16 +122,17 @@ double sparsity_energy(const std::vector<GroupSparsity>& ranges, const std::vect
 template <class T>
 void make_pseudo(const std::vector<GroupSparsity>& ranges, const std::vector<T>& x, std::vector<T>& gradient) {
   for (const GroupSparsity& range : ranges)
-    for_groups(range, [&](std::size_t at, double weight) {
+    for_groups(range, [&](std::size_t at, double weight, auto group) {
       if (weight == 0) return;
-      const double size = norm(x.data() + at, range.group);
-      if (size > 0) {
-        for (int k = 0; k < range.group; ++k) gradient[at + k] += static_cast<T>(weight * x[at + k] / size);
+      const double sum = square(x.data() + at, group);
+      if (sum > 0) {
+        const double size = std::sqrt(sum);
+        for (int k = 0; k < group; ++k) gradient[at + k] += static_cast<T>(weight * x[at + k] / size);
         return;
       }
-      const double pull = norm(gradient.data() + at, range.group);
-      const T keep = static_cast<T>(pull > weight ? 1 - weight / pull : 0);
-      for (int k = 0; k < range.group; ++k) gradient[at + k] *= keep;
+      const double pull = square(gradient.data() + at, group);
+      const T keep = static_cast<T>(pull > weight * weight ? 1 - weight / std::sqrt(pull) : 0);
+      for (int k = 0; k < group; ++k) gradient[at + k] *= keep;
     });
 }
 
@@ -251,12 +272,12 @@ template <class T>
 void align(const std::vector<GroupSparsity>& ranges, const std::vector<T>& x, const std::vector<T>& pseudo,
            std::vector<T>& direction) {
   for (const GroupSparsity& range : ranges)
-    for_groups(range, [&](std::size_t at, double weight) {
-      if (weight == 0 || norm(x.data() + at, range.group) > 0) return;
+    for_groups(range, [&](std::size_t at, double weight, auto group) {
+      if (weight == 0 || square(x.data() + at, group) > 0) return;
       double agreement = 0;
-      for (int k = 0; k < range.group; ++k) agreement -= static_cast<double>(direction[at + k]) * pseudo[at + k];
+      for (int k = 0; k < group; ++k) agreement -= static_cast<double>(direction[at + k]) * pseudo[at + k];
       if (agreement > 0) return;
-      for (int k = 0; k < range.group; ++k) direction[at + k] = 0;
+      for (int k = 0; k < group; ++k) direction[at + k] = 0;
     });
 }
 
@@ -265,14 +286,14 @@ template <class T>
 void project(const std::vector<GroupSparsity>& ranges, const std::vector<T>& x, const std::vector<T>& pseudo,
              std::vector<T>& candidate) {
   for (const GroupSparsity& range : ranges)
-    for_groups(range, [&](std::size_t at, double weight) {
+    for_groups(range, [&](std::size_t at, double weight, auto group) {
       if (weight == 0) return;
-      const bool from_zero = norm(x.data() + at, range.group) == 0;
+      const bool from_zero = square(x.data() + at, group) == 0;
       double agreement = 0;
-      for (int k = 0; k < range.group; ++k)
+      for (int k = 0; k < group; ++k)
         agreement += static_cast<double>(candidate[at + k]) * (from_zero ? -pseudo[at + k] : x[at + k]);
       if (agreement > 0) return;
-      for (int k = 0; k < range.group; ++k) candidate[at + k] = 0;
+      for (int k = 0; k < group; ++k) candidate[at + k] = 0;
     });
 }
 

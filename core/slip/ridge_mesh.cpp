@@ -34,7 +34,8 @@ Directions<Dim> directions_of(const JumpDensity<Dim>& density, double least) {
     const Matrix<Dim> b = tensor.template cast<double>();
     if (b.squaredNorm() == 0) continue;
     Eigen::SelfAdjointEigenSolver<Matrix<Dim>> solver;
-    solver.computeDirect(b.transpose() * b);
+    // The strength is no more than the norm.
+    solver.computeDirect(b.transpose() * b, b.norm() < least ? Eigen::EigenvaluesOnly : Eigen::ComputeEigenvectors);
     const double strength = std::sqrt(std::max(0.0, solver.eigenvalues()[Dim - 1]));
     found.strength[site] = static_cast<float>(strength);
     if (strength >= least) found.normal[site] = solver.eigenvectors().col(Dim - 1);
@@ -53,6 +54,13 @@ class Cutter {
       stride *= static_cast<std::size_t>(lattice_.size[a]);
       order_[a] = a;
     }
+    slopes_.resize(lattice_.sites());
+#pragma omp parallel for schedule(static)
+    for (int slab = 0; slab < lattice_.size[Dim - 1]; ++slab)
+      visit_slab<Dim>(lattice_, slab, [&](const Index<Dim>& index, std::size_t site) {
+        const Vector<Dim>& normal = directions_.normal[site];
+        if (normal.squaredNorm() > 0) slopes_[site] = normal.dot(gradient(index, site));
+      });
   }
 
   RidgeMesh<Dim> operator()() {
@@ -60,7 +68,7 @@ class Cutter {
       visit_slab<Dim>(lattice_, slab, [&](const Index<Dim>& index, std::size_t site) {
         for (int a = 0; a < Dim; ++a)
           if (index[a] + 1 >= lattice_.size[a]) return;
-        if (directions_.normal[site].squaredNorm() == 0) return;
+        if (directions_.normal[site].squaredNorm() == 0 || !changes_sign(site)) return;
         std::array<int, Dim> order = order_;
         do cut_simplex(index, site, order);
         while (std::next_permutation(order.begin(), order.end()));
@@ -86,6 +94,22 @@ class Cutter {
     return gradient;
   }
 
+  /// Whether the slopes of a cell's corners, along normals that agree with that of its first one, have both signs: else
+  /// none of its simplices is cut.
+  bool changes_sign(std::size_t first_site) const {
+    bool any_above = false, any_below = false;
+    for (std::size_t bits = 0; bits < (1u << Dim); ++bits) {
+      std::size_t site = first_site;
+      for (int a = 0; a < Dim; ++a)
+        if (bits >> a & 1) site += strides_[a];
+      const bool is_turned = directions_.normal[site].dot(directions_.normal[first_site]) < 0;
+      const bool is_above = (is_turned ? -slopes_[site] : slopes_[site]) > 0;
+      any_above = any_above || is_above;
+      any_below = any_below || !is_above;
+    }
+    return any_above && any_below;
+  }
+
   /// The simplex whose corners are reached from the cell's first along the axes in this order.
   void cut_simplex(const Index<Dim>& first, std::size_t first_site, const std::array<int, Dim>& order) {
     std::array<Corner, Dim + 1> corners;
@@ -99,11 +123,14 @@ class Cutter {
       Corner& corner = corners[k];
       corner.site = site;
       corner.normal = directions_.normal[site];
-      if (corner.normal.dot(corners[0].normal) < 0) corner.normal = -corner.normal;
+      corner.slope = slopes_[site];
+      if (corner.normal.dot(corners[0].normal) < 0) {
+        corner.normal = -corner.normal;
+        corner.slope = -corner.slope;
+      }
       for (int a = 0; a < Dim; ++a) corner.at[a] = lattice_.offset[a] + index[a] * lattice_.spacing[a];
       for (int j = 0; j < k; ++j)
         if (!(corner.normal.dot(corners[j].normal) > kLeastAgreement)) return;
-      corner.slope = corner.normal.dot(gradient(index, site));
     }
     int above = 0;
     for (const Corner& corner : corners) above += corner.slope > 0;
@@ -151,6 +178,7 @@ class Cutter {
 
   const Lattice<Dim> lattice_;
   const Directions<Dim> directions_;
+  std::vector<double> slopes_;  ///< n . grad rho at sites that have a normal
   std::array<std::size_t, Dim> strides_;
   std::array<int, Dim> order_;
   RidgeMesh<Dim> mesh_;

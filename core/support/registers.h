@@ -100,6 +100,64 @@ template <class T>
 }
 #endif
 
+/// Some of a register's lanes: those where a comparison of it holds.
+template <class T>
+class PickedLanes {
+  using Whole = decltype(Register<T>{} < Register<T>{});
+
+ public:
+#if defined(__AVX512F__) && defined(__has_builtin) && __has_builtin(__builtin_ia32_compresssf512_mask)
+  [[gnu::always_inline]] explicit PickedLanes(const Whole& holds) {
+    typedef int Words __attribute__((vector_size(64)));
+    typedef long long Longs __attribute__((vector_size(64)));
+    if constexpr (sizeof(T) == 4)
+      lanes_ = __builtin_ia32_cmpd512_mask((Words)holds, Words{}, 1, 0xffff);  // 1: less
+    else
+      lanes_ = __builtin_ia32_cmpq512_mask((Longs)holds, Longs{}, 1, 0xff);
+  }
+  int count() const { return __builtin_popcount(lanes_); }
+  /// Their values, one after the other; what lies behind them, up to as many as a register holds, may change.
+  template <class V>
+  [[gnu::always_inline]] void store(const V& values, void* to) const {
+    V packed;
+    if constexpr (sizeof(T) == 4) {
+      typedef float Floats __attribute__((vector_size(64)));
+      packed = (V)__builtin_ia32_compresssf512_mask((Floats)values, Floats{}, static_cast<unsigned short>(lanes_));
+    } else {
+      typedef double Doubles __attribute__((vector_size(64)));
+      packed = (V)__builtin_ia32_compressdf512_mask((Doubles)values, Doubles{}, static_cast<unsigned char>(lanes_));
+    }
+    std::memcpy(to, &packed, sizeof packed);
+  }
+
+ private:
+  unsigned lanes_;
+#else
+  [[gnu::always_inline]] explicit PickedLanes(const Whole& holds) {
+    for (std::size_t i = 0; i < kRegisterLanes<T>; ++i) holds_[i] = static_cast<int>(-holds[i]);
+  }
+  int count() const {
+    int count = 0;
+    for (int holds : holds_) count += holds;
+    return count;
+  }
+  /// Their values, one after the other; what lies behind them, up to as many as a register holds, may change.
+  template <class V>
+  [[gnu::always_inline]] void store(const V& values, void* to) const {
+    T lanes[kRegisterLanes<T>], packed[kRegisterLanes<T>];
+    std::memcpy(lanes, &values, sizeof lanes);
+    for (std::size_t i = 0, at = 0; i < kRegisterLanes<T>; ++i) {
+      packed[at] = lanes[i];
+      at += static_cast<std::size_t>(holds_[i]);
+    }
+    std::memcpy(to, packed, sizeof packed);
+  }
+
+ private:
+  int holds_[kRegisterLanes<T>];
+#endif
+};
+
 template <int By, class T, int... Lane>
 [[gnu::always_inline]] inline Register<T> shifted_lanes(const Register<T>& low, const Register<T>& high,
                                                         std::integer_sequence<int, Lane...>) {
