@@ -200,26 +200,34 @@ auto OrientedMomenta<Dim, T>::placement(const T* corners) -> Placement {
 template <int Dim, class T>
 double OrientedMomenta<Dim, T>::penalty(const std::vector<Element>& elements, const T* momenta, T* gradient) const {
   const Lattice<Dim>& lattice = options_.lattice;
-  const auto length = static_cast<std::size_t>(lattice.size[0]);
+  const auto length = static_cast<std::size_t>(lattice.size[0]), rows = static_cast<std::size_t>(lattice.size[1]);
+  const std::size_t lines = sites_ / length;
   std::vector<double> product(elements.size());  // momentum times its gradient
-  // Of the elements with one normal those that have a momentum, by rows along x.
-  std::vector<std::size_t> row_begin(sites_ / length + 1), moving;
-  std::vector<int> x_of;
+  // Of the elements with one normal those that have a momentum, and where those of each row begin: of rows that follow
+  // each other they are one after the other.
+  struct Moving {
+    int x, tap;  ///< `tap`: from that of the plane's first site, as `gram` lies
+    std::array<T, kComponents> momentum;
+  };
+  std::vector<Moving> moving;
+  std::vector<std::size_t> row_begin(lines + 1);
   for (std::size_t begin = 0; begin < elements.size();) {
     const std::size_t normal = normal_of(elements[begin]);
+    const Orientation& orientation = orientations_[normal];
+    const int taps_in_row = 2 * orientation.reach[0] + 1, rows_of_taps = 2 * orientation.reach[1] + 1;
     std::size_t end = begin, row = 0;
     moving.clear();
-    x_of.clear();
     for (; end < elements.size() && normal_of(elements[end]) == normal; ++end) {
       const T* c = momenta + kComponents * end;
       if (std::all_of(c, c + kComponents, [](T value) { return value == T(0); })) continue;
       const std::size_t site = site_of(elements[end]);
       while (row <= site / length) row_begin[row++] = moving.size();
-      moving.push_back(end);
-      x_of.push_back(static_cast<int>(site % length));
+      const int x = static_cast<int>(site % length), y = static_cast<int>(site / length % rows);
+      Moving one{x, taps_in_row * y + x, {}};
+      std::copy_n(c, kComponents, one.momentum.begin());
+      moving.push_back(one);
     }
     while (row < row_begin.size()) row_begin[row++] = moving.size();
-    const Orientation& orientation = orientations_[normal];
 #pragma omp parallel for schedule(static)
     for (std::size_t e = begin; e < end; ++e) {
       Index<Dim> at, low, high;
@@ -233,22 +241,18 @@ double OrientedMomenta<Dim, T>::penalty(const std::vector<Element>& elements, co
       }
       T sum[kComponents] = {};
       const int planes_begin = Dim == 3 ? low[Dim - 1] : 0, planes_end = Dim == 3 ? high[Dim - 1] : 1;
-      for (int z = planes_begin; z < planes_end; ++z)
-        for (int y = low[1]; y < high[1]; ++y) {
-          std::size_t line = static_cast<std::size_t>(y),
-                      tap = static_cast<std::size_t>(y - at[1] + orientation.reach[1]);
-          if constexpr (Dim == 3) {
-            line += static_cast<std::size_t>(lattice.size[1]) * static_cast<std::size_t>(z);
-            tap += static_cast<std::size_t>(2 * orientation.reach[1] + 1) *
-                   static_cast<std::size_t>(z - at[2] + orientation.reach[2]);
-          }
-          const T* taps = orientation.gram.data() + static_cast<std::size_t>(2 * orientation.reach[0] + 1) * tap +
-                          (orientation.reach[0] - at[0]);
-          for (std::size_t i = row_begin[line]; i < row_begin[line + 1]; ++i) {
-            if (x_of[i] < low[0] || x_of[i] >= high[0]) continue;
-            for (int j = 0; j < kComponents; ++j) sum[j] += taps[x_of[i]] * momenta[kComponents * moving[i] + j];
-          }
+      for (int z = planes_begin; z < planes_end; ++z) {
+        const std::size_t plane = rows * static_cast<std::size_t>(z);
+        int first_tap = taps_in_row * (orientation.reach[1] - at[1]) + orientation.reach[0] - at[0];
+        if constexpr (Dim == 3) first_tap += taps_in_row * rows_of_taps * (z - at[2] + orientation.reach[2]);
+        const std::size_t last = row_begin[plane + static_cast<std::size_t>(high[1])];
+        for (std::size_t i = row_begin[plane + static_cast<std::size_t>(low[1])]; i < last; ++i) {
+          const Moving& other = moving[i];
+          if (other.x < low[0] || other.x >= high[0]) continue;
+          const T tap = orientation.gram[static_cast<std::size_t>(first_tap + other.tap)];
+          for (std::size_t j = 0; j < kComponents; ++j) sum[j] += tap * other.momentum[j];
         }
+      }
       for (int j = 0; j < kComponents; ++j) {
         gradient[kComponents * e + j] += sum[j];
         product[e] += static_cast<double>(momenta[kComponents * e + j]) * sum[j];

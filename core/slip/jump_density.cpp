@@ -28,42 +28,52 @@ Lattice<Dim> finest_with_elements(const std::vector<JumpElements<Dim>>& elements
 }
 
 /// Adds value times a hat as wide as two cells of `from`, which sums to 1, to the samples around `at`; there are
-/// `Channels` values a sample.
+/// `Channels` values a sample. One after the other, with memory that is used again.
 template <int Dim, int Channels>
-void add_hat(const Lattice<Dim>& lattice, const Lattice<Dim>& from, const Vector<Dim>& place,
-             const Eigen::Matrix<double, Channels, 1>& value, float* values) {
-  Index<Dim> low, count;
-  std::array<std::vector<double>, Dim> weights;
-  for (int a = 0; a < Dim; ++a) {
-    const double half = std::max(from.spacing[a], lattice.spacing[a]);
-    const int begin = static_cast<int>(std::ceil((place[a] - half - lattice.offset[a]) / lattice.spacing[a]));
-    const int end = static_cast<int>(std::floor((place[a] + half - lattice.offset[a]) / lattice.spacing[a]));
-    double sum = 0;
-    for (int i = begin; i <= end; ++i) {
-      weights[a].push_back(std::max(0.0, 1 - std::abs(lattice.offset[a] + i * lattice.spacing[a] - place[a]) / half));
-      sum += weights[a].back();
-    }
-    for (double& weight : weights[a]) weight /= sum * lattice.spacing[a];
-    low[a] = begin;
-    count[a] = end - begin + 1;
-  }
-  Lattice<Dim> patch;
-  patch.size = count;
-  for (int slab = 0; slab < count[Dim - 1]; ++slab)
-    visit_slab<Dim>(patch, slab, [&](const Index<Dim>& index, std::size_t) {
-      double weight = 1;
-      std::size_t site = 0, stride = 1;
-      for (int a = 0; a < Dim; ++a) {
-        const int at = low[a] + index[a];
-        if (at < 0 || at >= lattice.size[a]) return;
-        weight *= weights[a][static_cast<std::size_t>(index[a])];
-        site += stride * static_cast<std::size_t>(at);
-        stride *= static_cast<std::size_t>(lattice.size[a]);
+class HatAdder {
+ public:
+  HatAdder(const Lattice<Dim>& lattice, const Lattice<Dim>& from) : lattice_(lattice), from_(from) {}
+
+  void operator()(const Vector<Dim>& place, const Eigen::Matrix<double, Channels, 1>& value, float* values) {
+    Lattice<Dim> patch;  // of what it covers that which the lattice has
+    Index<Dim> skipped;  // of its samples, along each axis
+    std::size_t corner = 0;
+    std::array<std::size_t, Dim> strides;
+    for (int a = 0; a < Dim; ++a) {
+      const double h = lattice_.spacing[a], half = std::max(from_.spacing[a], h);
+      const int begin = static_cast<int>(std::ceil((place[a] - half - lattice_.offset[a]) / h));
+      const int end = static_cast<int>(std::floor((place[a] + half - lattice_.offset[a]) / h));
+      double sum = 0;
+      weights_[a].clear();
+      for (int i = begin; i <= end; ++i) {
+        weights_[a].push_back(std::max(0.0, 1 - std::abs(lattice_.offset[a] + i * h - place[a]) / half));
+        sum += weights_[a].back();
       }
-      float* sum = values + Channels * site;
-      for (int c = 0; c < Channels; ++c) sum[c] += static_cast<float>(weight * value[c]);
-    });
-}
+      for (double& weight : weights_[a]) weight /= sum * h;
+      const int first = std::max(0, begin), last = std::min(lattice_.size[a] - 1, end);
+      if (first > last) return;
+      patch.size[a] = last - first + 1;
+      skipped[a] = first - begin;
+      strides[a] = a == 0 ? 1 : strides[a - 1] * static_cast<std::size_t>(lattice_.size[a - 1]);
+      corner += strides[a] * static_cast<std::size_t>(first);
+    }
+    for (int slab = 0; slab < patch.size[Dim - 1]; ++slab)
+      visit_slab<Dim>(patch, slab, [&](const Index<Dim>& index, std::size_t) {
+        double weight = 1;
+        std::size_t site = corner;
+        for (int a = 0; a < Dim; ++a) {
+          weight *= weights_[a][static_cast<std::size_t>(skipped[a] + index[a])];
+          site += strides[a] * static_cast<std::size_t>(index[a]);
+        }
+        float* sum = values + Channels * site;
+        for (int c = 0; c < Channels; ++c) sum[c] += static_cast<float>(weight * value[c]);
+      });
+  }
+
+ private:
+  const Lattice<Dim>&lattice_, &from_;
+  std::array<std::vector<double>, Dim> weights_;
+};
 
 /// Two unit vectors, or one, that span the plane with this normal: the frame's axes where those lie in it.
 template <int Dim>
@@ -96,21 +106,59 @@ std::vector<std::pair<double, double>> lateral_weights(const Lattice<Dim>& latti
   return weights;
 }
 
-/// Adds an element, over the plane that it covers.
+/// The samples of `lattice` that the hats of an element reach, as a lattice of their own; one without any where there
+/// are none.
 template <int Dim>
-void add_element(const Lattice<Dim>& lattice, const JumpElements<Dim>& of, const JumpElement<Dim>& element,
-                 float* values) {
-  const auto axes = plane_axes<Dim>(element.normal);
-  Eigen::Matrix<double, Dim * Dim, 1> tensor;
-  for (int c = 0; c < Dim; ++c)
-    for (int a = 0; a < Dim; ++a) tensor[Dim * c + a] = element.strength[c] * element.normal[a];
-  for (const auto& [first, weight] : lateral_weights<Dim>(of.lattice, axes[0], of.width_mm)) {
-    const Vector<Dim> at = element.at + first * axes[0];
-    if constexpr (Dim == 2)
-      add_hat<Dim, Dim * Dim>(lattice, of.lattice, at, weight * tensor, values);
-    else
-      for (const auto& [second, other] : lateral_weights<Dim>(of.lattice, axes[1], of.width_mm))
-        add_hat<Dim, Dim * Dim>(lattice, of.lattice, at + second * axes[1], weight * other * tensor, values);
+Lattice<Dim> covered_by(const Lattice<Dim>& lattice, const JumpElements<Dim>& of, const Vector<Dim>& at,
+                        const std::array<Vector<Dim>, Dim - 1>& axes, Index<Dim>& low) {
+  Lattice<Dim> box = lattice;
+  for (int a = 0; a < Dim; ++a) {
+    double reach = std::max(of.lattice.spacing[a], lattice.spacing[a]);
+    for (const Vector<Dim>& axis : axes) reach += std::abs(axis[a]) * of.width_mm;
+    const double middle = (at[a] - lattice.offset[a]) / lattice.spacing[a], samples = reach / lattice.spacing[a];
+    low[a] = std::max(0, static_cast<int>(std::floor(middle - samples)));
+    const int high = std::min(lattice.size[a] - 1, static_cast<int>(std::ceil(middle + samples)));
+    box.size[a] = std::max(0, high - low[a] + 1);
+    box.offset[a] = lattice.offset[a] + low[a] * lattice.spacing[a];
+  }
+  return box;
+}
+
+/// Adds elements one by one, each over the plane that it covers: how much of one there is at each sample first, then
+/// all values of its jump.
+template <int Dim>
+void add_one_by_one(const Lattice<Dim>& lattice, const JumpElements<Dim>& of, float* values) {
+  std::vector<float> share;
+  for (const JumpElement<Dim>& element : of.list) {
+    const auto axes = plane_axes<Dim>(element.normal);
+    Index<Dim> low;
+    const Lattice<Dim> box = covered_by<Dim>(lattice, of, element.at, axes, low);
+    share.assign(box.sites(), 0.0f);
+    if (share.empty()) continue;
+    HatAdder<Dim, 1> add(box, of.lattice);
+    const auto add_at = [&](const Vector<Dim>& at, double weight) {
+      add(at, Eigen::Matrix<double, 1, 1>(weight), share.data());
+    };
+    for (const auto& [first, weight] : lateral_weights<Dim>(of.lattice, axes[0], of.width_mm)) {
+      const Vector<Dim> at = element.at + first * axes[0];
+      if constexpr (Dim == 2)
+        add_at(at, weight);
+      else
+        for (const auto& [second, other] : lateral_weights<Dim>(of.lattice, axes[1], of.width_mm))
+          add_at(at + second * axes[1], weight * other);
+    }
+    Eigen::Matrix<float, Dim * Dim, 1> tensor;
+    for (int c = 0; c < Dim; ++c)
+      for (int a = 0; a < Dim; ++a) tensor[Dim * c + a] = static_cast<float>(element.strength[c] * element.normal[a]);
+    for (int slab = 0; slab < box.size[Dim - 1]; ++slab)
+      visit_slab<Dim>(box, slab, [&](const Index<Dim>& index, std::size_t in_box) {
+        if (share[in_box] == 0) return;
+        std::size_t site = 0;
+        for (int a = Dim - 1; a >= 0; --a)
+          site = site * static_cast<std::size_t>(lattice.size[a]) + static_cast<std::size_t>(low[a] + index[a]);
+        float* sum = values + Dim * Dim * site;
+        for (int c = 0; c < Dim * Dim; ++c) sum[c] += share[in_box] * tensor[c];
+      });
   }
 }
 
@@ -119,8 +167,8 @@ void add_element(const Lattice<Dim>& lattice, const JumpElements<Dim>& of, const
 template <int Dim>
 void add_along_axis(const Lattice<Dim>& lattice, const JumpElements<Dim>& elements, float* values) {
   std::vector<float> jumps(Dim * lattice.sites(), 0.0f), next(jumps.size());
-  for (const JumpElement<Dim>& element : elements.list)
-    add_hat<Dim, Dim>(lattice, elements.lattice, element.at, element.strength, jumps.data());
+  HatAdder<Dim, Dim> add(lattice, elements.lattice);
+  for (const JumpElement<Dim>& element : elements.list) add(element.at, element.strength, jumps.data());
   for (int axis = 0; axis < Dim; ++axis) {
     if (axis == elements.axis) continue;
     std::vector<double> taps;
@@ -160,7 +208,7 @@ JumpDensity<Dim>::JumpDensity(const std::vector<JumpElements<Dim>>& elements)
     if (scale.axis >= 0 && !scale.list.empty())
       add_along_axis(lattice_, scale, values_.data());
     else
-      for (const JumpElement<Dim>& element : scale.list) add_element<Dim>(lattice_, scale, element, values_.data());
+      add_one_by_one(lattice_, scale, values_.data());
   }
 
   std::vector<double> weights(2 * static_cast<std::size_t>(radius) + 1);

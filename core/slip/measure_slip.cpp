@@ -306,15 +306,17 @@ SlipSurface<Dim> measure_slip(const std::vector<JumpElements<Dim>>& elements, co
   surface.least_jump_mm = options.least_jump_samples * sample;
   RidgeMesh<Dim> mesh = ridge_mesh(density, surface.least_jump_mm);
   std::vector<Piece<Dim>> pieces = pieces_of(mesh);
+#pragma omp parallel for schedule(static)
+  for (std::size_t p = 0; p < pieces.size(); ++p)
+    pieces[p].velocity_jump = density.jump_across(pieces[p].at, pieces[p].normal).norm();
   double largest = 0;
-  for (Piece<Dim>& piece : pieces) {
-    piece.velocity_jump = density.jump_across(piece.at, piece.normal).norm();
-    largest = std::max(largest, piece.velocity_jump);
-  }
+  for (const Piece<Dim>& piece : pieces) largest = std::max(largest, piece.velocity_jump);
   surface.least_jump_mm = std::max(surface.least_jump_mm, options.least_share * largest);
   std::erase_if(pieces, [&](const Piece<Dim>& piece) { return piece.velocity_jump < surface.least_jump_mm; });
 
-  for (Vector<Dim>& vertex : mesh.vertices) vertex = forward_guess<Dim, float>(flow.lattice, flow.velocities, vertex);
+#pragma omp parallel for schedule(static)
+  for (std::size_t v = 0; v < mesh.vertices.size(); ++v)
+    mesh.vertices[v] = forward_guess<Dim, float>(flow.lattice, flow.velocities, mesh.vertices[v]);
   const Lattice<Dim> fixed = lattice_of(flow.fixed);
   std::erase_if(pieces, [&](Piece<Dim>& piece) {
     place(mesh, piece);
