@@ -1,5 +1,6 @@
 #include "client/cli/private_daemon.h"
 
+#include "core/support/available_cores.h"
 #include "core/support/errors.h"
 
 #include <algorithm>
@@ -10,7 +11,6 @@
 #include <cstring>
 #include <fstream>
 #include <sstream>
-#include <thread>
 #include <vector>
 
 #include <fcntl.h>
@@ -143,7 +143,7 @@ void PrivateDaemon::start(const fs::path& program, const Work& work) {
   // A job that names no number of threads gets its share of the cores, so one alone has them all. One that does gets
   // what it asks for; of several the daemon then starts as many as the cores allow. A budget of more than the cores
   // tells it that others may want them (server/launch/local_launcher.cpp).
-  const int cores = static_cast<int>(std::max(1u, std::thread::hardware_concurrency()));
+  const int cores = available_cores();
   const int each = work.threads > 0 ? std::min(work.threads, most_threads) : std::max(1, cores / work.jobs);
   const int all = is_first(program) || work.jobs > 1 ? std::max(cores, each) : most_threads;
   words.insert(words.end(), {"--threads-per-job", std::to_string(each), "--threads", std::to_string(all)});

@@ -1,5 +1,7 @@
 #include "server/config/config.h"
 
+#include "core/support/available_cores.h"
+#include "core/support/available_memory.h"
 #include "core/support/errors.h"
 #include "server/config/config_file.h"
 #include "server/config/size_text.h"
@@ -12,7 +14,6 @@
 #include <algorithm>
 #include <charconv>
 #include <map>
-#include <thread>
 
 namespace saltus::server {
 namespace fs = std::filesystem;
@@ -35,10 +36,7 @@ std::chrono::milliseconds milliseconds(double seconds) {
 }
 
 /// What the daemon, the system and the files that are being read need stays free.
-std::int64_t default_memory_budget() {
-  const auto machine = static_cast<std::int64_t>(::sysconf(_SC_PHYS_PAGES)) * ::sysconf(_SC_PAGESIZE);
-  return machine / 10 * 8;
-}
+std::int64_t default_memory_budget() { return available_memory() / 10 * 8; }
 
 void require_program(const fs::path& program) {
   if (::access(program.c_str(), X_OK) != 0 || fs::is_directory(program))
@@ -124,7 +122,7 @@ ParsedConfig parse_config(int argc, char** argv) {
       ->check(CLI::Range(1, 1024));
   app.add_option("--threads", config.threads, "Threads of all workers together [cores, at least what the slots need]")
       ->check(CLI::Range(1, 65536));
-  app.add_option("--memory-budget", memory_gib, "Memory of all workers together, GiB [80 % of the machine's]")
+  app.add_option("--memory-budget", memory_gib, "Memory of all workers together, GiB [80 % of what there is]")
       ->check(CLI::Range(0.001, 1048576.0));
   app.add_option("--worker", worker, "The worker's program [saltus-worker beside saltusd]")->type_name("PATH");
   add_slurm_options(app, config.launcher, config.slurm);
@@ -198,7 +196,7 @@ ParsedConfig parse_config(int argc, char** argv) {
   has_default("--listen", "unix:" + (config.data / "saltusd.sock").string());
   read_addresses(config, listen);
   if (!metrics.empty()) read_metrics_address(config, metrics);
-  const int cores = std::max(1, static_cast<int>(std::thread::hardware_concurrency()));
+  const int cores = available_cores();
   const bool is_local = config.launcher == LauncherKind::Local;
   if (app.get_option("--slots")->count() == 0)
     config.slots = is_local ? std::max(1, cores / config.threads_per_job) : kSlurmSlots;

@@ -1,5 +1,6 @@
 #include "server/launch/local_launcher.h"
 
+#include "core/support/available_cores.h"
 #include "core/support/failpoint.h"
 #include "server/launch/process_identity.h"
 #include "server/launch/worker_environment.h"
@@ -164,8 +165,7 @@ void LocalLauncher::remove_files(const AttemptKey& key) const {
 
 /// Whether threads that wait awake take no core from another worker.
 bool LocalLauncher::has_cores_alone() const {
-  return settings_.thread_budget > 0 &&
-         settings_.thread_budget <= static_cast<int>(std::thread::hardware_concurrency());
+  return settings_.thread_budget > 0 && settings_.thread_budget <= available_cores();
 }
 
 std::string LocalLauncher::start(const LaunchRequest& request) {

@@ -1,3 +1,5 @@
+#include "core/support/available_cores.h"
+#include "core/support/available_memory.h"
 #include "core/support/errors.h"
 #include "server/worker/attempt_process.h"
 #include "server/worker/connection.h"
@@ -15,7 +17,6 @@
 #include <cstdlib>
 #include <fstream>
 #include <iostream>
-#include <thread>
 
 namespace {
 
@@ -63,11 +64,10 @@ int stand(const Arguments& arguments) {
   StandingOptions options;
   options.connection = arguments.connection;
   options.blobs = arguments.blobs;
-  options.threads = arguments.threads > 0 ? arguments.threads : std::max(1u, std::thread::hardware_concurrency());
+  options.threads = arguments.threads > 0 ? arguments.threads : saltus::available_cores();
   options.memory_bytes = static_cast<std::int64_t>(arguments.memory_gib * kGibibyte);
   if (arguments.memory_bytes > 0) options.memory_bytes = arguments.memory_bytes;
-  if (options.memory_bytes == 0)
-    options.memory_bytes = static_cast<std::int64_t>(::sysconf(_SC_PHYS_PAGES)) * ::sysconf(_SC_PAGESIZE) / 10 * 8;
+  if (options.memory_bytes == 0) options.memory_bytes = saltus::available_memory() / 10 * 8;
   options.idle = std::chrono::milliseconds(static_cast<std::int64_t>(1000 * arguments.idle_seconds));
   char host[64] = "";
   ::gethostname(host, sizeof host - 1);
@@ -107,7 +107,7 @@ int main(int argument_count, char** words) {
                  "File with the launch token of the attempt; - is standard input, with --guard");
   app.add_option("--threads", arguments.threads, "Without --job: threads for one job [cores]")
       ->check(CLI::Range(1, 65536));
-  app.add_option("--memory", arguments.memory_gib, "Without --job: GiB for one job [80 % of the machine's]")
+  app.add_option("--memory", arguments.memory_gib, "Without --job: GiB for one job [80 % of what there is]")
       ->check(CLI::Range(0.001, 1048576.0));
   app.add_option("--memory-bytes", arguments.memory_bytes, "The same in bytes")->group("");
   app.add_option("--idle-seconds", arguments.idle_seconds, "Without --job: end after so long without one; 0 never does")

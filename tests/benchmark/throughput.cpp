@@ -15,6 +15,7 @@
 #include <stdexcept>
 #include <thread>
 
+#include "core/support/available_cores.h"
 #include "tests/benchmark/measured_process.h"
 
 extern char** environ;
@@ -28,8 +29,6 @@ struct Setting {
   int jobs, threads;
   std::string text() const { return std::to_string(jobs) + "x" + std::to_string(threads); }
 };
-
-int cores() { return std::max(1, static_cast<int>(std::thread::hardware_concurrency())); }
 
 Setting parse(const std::string& text) {
   Setting setting{0, 0};
@@ -45,9 +44,9 @@ Setting parse(const std::string& text) {
 /// What divides the cores without a rest, then one job a core with as many threads as there are cores.
 std::vector<Setting> all_settings() {
   std::vector<Setting> settings;
-  for (int threads = 1; threads <= cores(); ++threads)
-    if (cores() % threads == 0) settings.push_back({cores() / threads, threads});
-  if (cores() > 1) settings.push_back({cores(), cores()});
+  for (int threads = 1; threads <= available_cores(); ++threads)
+    if (available_cores() % threads == 0) settings.push_back({available_cores() / threads, threads});
+  if (available_cores() > 1) settings.push_back({available_cores(), available_cores()});
   return settings;
 }
 

@@ -1,3 +1,4 @@
+#include "core/support/available_cores.h"
 #include "server/launch/worker_environment.h"
 #include "tests/end_to_end/end_to_end.h"
 #include "tests/support/certificates.h"
@@ -67,7 +68,7 @@ class WorkerOfRegister : public EndToEnd {
 };
 
 TEST_F(WorkerOfRegister, ThreadsWaitAwakeWhereThereIsACoreForEach) {
-  const int cores = static_cast<int>(std::thread::hardware_concurrency());
+  const int cores = available_cores();
   for (const auto& [threads, expected] :
        {std::pair(0, server::kBriefWait), {1, server::kBriefWait}, {cores + 1, "0"}}) {
     SCOPED_TRACE(threads);

@@ -1,5 +1,6 @@
 #include "server/launch/local_launcher.h"
 
+#include "core/support/available_cores.h"
 #include "server/launch/process_identity.h"
 #include "server/launch/worker_environment.h"
 #include "tests/support/temporary_folder.h"
@@ -209,7 +210,7 @@ TEST_F(LocalLauncherTest, ReadsNothingAndLeadsAGroupOfItsOwn) {
 
 // Threads wait awake only where the budget says that no other worker wants their core.
 TEST_F(LocalLauncherTest, ThreadsWaitAwakeOnlyWhereTheyHaveCoresOfTheirOwn) {
-  const int cores = static_cast<int>(std::thread::hardware_concurrency());
+  const int cores = available_cores();
   for (const auto& [budget, expected] : {std::pair(0, "0"), {cores, kBriefWait}, {cores + 1, "0"}}) {
     SCOPED_TRACE(budget);
     use_script("echo $GOMP_SPINCOUNT > $folder/turns", budget);

@@ -1,0 +1,99 @@
+#include "core/support/available_cores.h"
+
+#include "tests/support/temporary_folder.h"
+
+#include <gtest/gtest.h>
+#include <sched.h>
+
+#include <filesystem>
+#include <string>
+
+namespace saltus {
+namespace {
+
+namespace fs = std::filesystem;
+
+/// A root with the files that the kernel makes of control groups, as in its documentation.
+class AvailableCores : public ::testing::Test {
+ protected:
+  void SetUp() override {
+    ASSERT_EQ(sched_getaffinity(0, sizeof before_, &before_), 0);
+    all_ = available_cores(folder_.path());
+    ASSERT_EQ(all_, CPU_COUNT(&before_));
+  }
+  void TearDown() override { sched_setaffinity(0, sizeof before_, &before_); }
+
+  void write(const std::string& name, const std::string& text) {
+    fs::create_directories((folder_ / name).parent_path());
+    folder_.write(name, text);
+  }
+  int found() const { return available_cores(folder_.path()); }
+
+  int all_ = 0;  ///< cores, where there is no quota
+  testing_support::TemporaryFolder folder_;
+
+ private:
+  cpu_set_t before_;
+};
+
+TEST_F(AvailableCores, AreThoseOfTheAffinity) {
+  cpu_set_t one;
+  CPU_ZERO(&one);
+  ASSERT_GE(sched_getcpu(), 0);
+  CPU_SET(static_cast<std::size_t>(sched_getcpu()), &one);
+  ASSERT_EQ(sched_setaffinity(0, sizeof one, &one), 0);
+  EXPECT_EQ(found(), 1);
+  EXPECT_EQ(available_cores(), 1);
+}
+
+TEST_F(AvailableCores, AreNoMoreThanAQuotaOfTheSecondVersion) {
+  write("proc/self/cgroup", "0::/a.slice/b.service\n");
+  write("sys/fs/cgroup/a.slice/b.service/cpu.max", "max 100000\n");
+  EXPECT_EQ(found(), all_);
+  write("sys/fs/cgroup/a.slice/b.service/cpu.max", "190000 100000\n");
+  EXPECT_EQ(found(), 1);
+  write("sys/fs/cgroup/a.slice/b.service/cpu.max", "20000 100000\n");  // less than one
+  EXPECT_EQ(found(), 1);
+  write("sys/fs/cgroup/a.slice/b.service/cpu.max", "100000000 100000\n");
+  EXPECT_EQ(found(), all_);
+}
+
+TEST_F(AvailableCores, AreNoMoreThanAQuotaOfAGroupAround) {
+  write("proc/self/cgroup", "0::/a.slice/b.service\n");
+  write("sys/fs/cgroup/a.slice/b.service/cpu.max", "max 100000\n");
+  write("sys/fs/cgroup/a.slice/cpu.max", "100000 100000\n");
+  EXPECT_EQ(found(), 1);
+}
+
+/// A container that sees its own group as the whole.
+TEST_F(AvailableCores, AreNoMoreThanAQuotaAtTheTop) {
+  write("proc/self/cgroup", "0::/\n");
+  write("sys/fs/cgroup/cpu.max", "100000 100000\n");
+  EXPECT_EQ(found(), 1);
+}
+
+TEST_F(AvailableCores, AreNoMoreThanAQuotaOfTheFirstVersion) {
+  write("proc/self/cgroup", "5:devices:/x\n4:cpu,cpuacct:/docker/1\n3:cpuset:/docker/1\n0::/\n");
+  const std::string group = "sys/fs/cgroup/cpu,cpuacct/";
+  write(group + "docker/1/cpu.cfs_quota_us", "-1\n");
+  write(group + "docker/1/cpu.cfs_period_us", "100000\n");
+  EXPECT_EQ(found(), all_);
+  write(group + "docker/1/cpu.cfs_quota_us", "150000\n");
+  EXPECT_EQ(found(), 1);
+  // As a container sees it that has the group's folder in the place of the whole.
+  fs::remove_all(folder_ / (group + "docker"));
+  EXPECT_EQ(found(), all_);
+  write(group + "cpu.cfs_quota_us", "100000\n");
+  write(group + "cpu.cfs_period_us", "100000\n");
+  EXPECT_EQ(found(), 1);
+}
+
+TEST_F(AvailableCores, NoQuotaIsToldByFilesThatSayNothing) {
+  write("proc/self/cgroup", "no line of it\n0::/a\n");
+  write("sys/fs/cgroup/a/cpu.max", "\n");
+  write("sys/fs/cgroup/cpu.max", "0 0\n");
+  EXPECT_EQ(found(), all_);
+}
+
+}  // namespace
+}  // namespace saltus
