@@ -250,70 +250,104 @@ void write_with_itk(const std::filesystem::path& path, const std::string& name, 
   throw FileError("cannot write " + name + ": " + reason(error, path, name));
 }
 
-/// Everything before the voxels: what ITK writes for an image of at most two voxels an axis in the same place, with the
-/// true sizes put in. Throws InvalidInput for sizes that NIfTI has no room for.
-template <typename Sample>
-std::vector<char> nifti_head(const std::filesystem::path& path, const ImageFileHeader& header,
-                             itk::IOComponentEnum component_type) {
-  const std::string name = path.filename().string();
-  ImageFileHeader small = header;
-  for (int axis = 0; axis < header.dimension; ++axis) {
-    if (header.size[axis] > std::numeric_limits<std::int16_t>::max())
-      throw InvalidInput("image for " + name + " has " + std::to_string(header.size[axis]) +
-                         " voxels along an axis; NIfTI has room for 32767, use .mha");
-    small.size[axis] = std::min<std::size_t>(header.size[axis], 2);
-  }
-  const std::vector<Sample> samples(8 * static_cast<std::size_t>(header.components));
-  TemporaryFile file(path.parent_path() / (path.stem().stem().string() + ".nii"));
-  write_with_itk(file.path(), name, ImageFormat::Nifti, small, component_type, samples.data());
-  std::vector<char> head;
-  try {
-    head.resize(read_nifti_header(file.path()).data_offset);
-    std::ifstream input(file.path(), std::ios::binary);
-    if (!input.read(head.data(), static_cast<std::streamsize>(head.size()))) throw FileError("too short");
-  } catch (const FileError&) {  // ITK does not notice what it could not write
-    throw FileError("cannot write " + name + ": is the disk full, or its folder write-protected?");
-  }
-  for (int axis = 0; axis < header.dimension; ++axis) {
-    const auto size = static_cast<std::int16_t>(header.size[axis]);
-    std::memcpy(head.data() + kNiftiSizes + sizeof size * static_cast<std::size_t>(axis), &size, sizeof size);
-  }
+/// Everything before the voxels, from the file of a smaller image.
+std::vector<char> read_head(const std::filesystem::path& path, std::uint64_t length) {
+  std::vector<char> head(length);
+  std::ifstream input(path, std::ios::binary);
+  if (!input.read(head.data(), static_cast<std::streamsize>(head.size()))) throw FileError("too short");
   return head;
 }
 
+/// Puts the true sizes into the only line of a text header that begins with `key`.
+void replace_sizes(std::vector<char>& head, const std::string& key, const std::string& sizes) {
+  const std::string text(head.begin(), head.end());
+  const auto begin = text.find("\n" + key) + 1, end = text.find('\n', begin);
+  if (begin == 0 || end == std::string::npos) throw FileError("no sizes in its header");
+  const std::string now = text.substr(0, begin) + key + sizes + text.substr(end);
+  head.assign(now.begin(), now.end());
+}
+
+/// Everything before the voxels: what ITK writes for an image of at most two voxels an axis in the same place, with the
+/// true sizes put in. Throws InvalidInput for sizes that NIfTI has no room for.
 template <typename Sample>
-void write_nifti(const std::filesystem::path& path, ImageFormat format, const ImageFileHeader& header,
-                 std::span<const Sample> samples, itk::IOComponentEnum component_type) {
-  const std::vector<char> head = nifti_head<Sample>(path, header, component_type);
+std::vector<char> head_of(const std::filesystem::path& path, ImageFormat format, const ImageFileHeader& header,
+                          itk::IOComponentEnum component_type) {
+  const std::string name = path.filename().string();
+  const bool is_nifti = format == ImageFormat::Nifti || format == ImageFormat::CompressedNifti;
+  ImageFileHeader small = header;
+  std::string sizes;
+  for (int axis = 0; axis < header.dimension; ++axis) {
+    if (is_nifti && header.size[axis] > std::numeric_limits<std::int16_t>::max())
+      throw InvalidInput("image for " + name + " has " + std::to_string(header.size[axis]) +
+                         " voxels along an axis; NIfTI has room for 32767, use .mha");
+    small.size[axis] = std::min<std::size_t>(header.size[axis], 2);
+    sizes += (axis > 0 ? " " : "") + std::to_string(header.size[axis]);
+  }
+  const std::vector<Sample> samples(8 * static_cast<std::size_t>(header.components));
+  TemporaryFile file(is_nifti ? path.parent_path() / (path.stem().stem().string() + ".nii") : path);
+  write_with_itk(file.path(), name, is_nifti ? ImageFormat::Nifti : format, small, component_type, samples.data());
+  try {
+    if (format == ImageFormat::MetaImage) {
+      std::vector<char> head = read_head(file.path(), read_meta_header(file.path()).data_offset);
+      replace_sizes(head, "DimSize = ", sizes);
+      return head;
+    }
+    if (format == ImageFormat::Nrrd) {
+      std::vector<char> head = read_head(file.path(), read_nrrd_header(file.path()).data_offset);
+      replace_sizes(head, "sizes: ", (header.components > 1 ? std::to_string(header.components) + " " : "") + sizes);
+      return head;
+    }
+    std::vector<char> head = read_head(file.path(), read_nifti_header(file.path()).data_offset);
+    for (int axis = 0; axis < header.dimension; ++axis) {
+      const auto size = static_cast<std::int16_t>(header.size[axis]);
+      std::memcpy(head.data() + kNiftiSizes + sizeof size * static_cast<std::size_t>(axis), &size, sizeof size);
+    }
+    return head;
+  } catch (const FileError&) {  // ITK does not notice what it could not write
+    throw FileError("cannot write " + name + ": is the disk full, or its folder write-protected?");
+  }
+}
+
+/// Writes the samples with those of a voxel next to each other, some voxels at a time.
+template <typename Sample>
+void write_interleaved(OutputStream& output, std::span<const Sample> samples, std::size_t components) {
+  constexpr std::size_t most = std::size_t{1} << 14;
+  const std::size_t voxels = samples.size() / components;
+  std::vector<Sample> some(components * std::min(most, voxels));
+  for (std::size_t begin = 0; begin < voxels; begin += most) {
+    const std::size_t count = std::min(most, voxels - begin);
+    for (std::size_t c = 0; c < components; ++c)
+      for (std::size_t i = 0; i < count; ++i) some[i * components + c] = samples[c * voxels + begin + i];
+    output.write({reinterpret_cast<const char*>(some.data()), sizeof(Sample) * components * count});
+  }
+}
+
+template <typename Sample>
+void write_after_head(const std::filesystem::path& path, ImageFormat format, const ImageFileHeader& header,
+                      std::span<const Sample> samples, itk::IOComponentEnum component_type) {
+  const std::vector<char> head = head_of<Sample>(path, format, header, component_type);
   TemporaryFile file(path);
-  OutputStream output(file.path(),
-                      format == ImageFormat::Nifti ? OutputStream::Packing::Plain : OutputStream::Packing::Gzip,
+  const bool is_packed = format == ImageFormat::CompressedNifti;
+  OutputStream output(file.path(), is_packed ? OutputStream::Packing::Gzip : OutputStream::Packing::Plain,
                       path.filename().string());
   output.write(head);
-  output.write({reinterpret_cast<const char*>(samples.data()), samples.size_bytes()});
+  if (header.components > 1 && (format == ImageFormat::MetaImage || format == ImageFormat::Nrrd))
+    write_interleaved(output, samples, static_cast<std::size_t>(header.components));
+  else
+    output.write({reinterpret_cast<const char*>(samples.data()), samples.size_bytes()});
   output.finish();
   file.take_place();
 }
 
 template <typename Sample>
-void write_other(const std::filesystem::path& path, ImageFormat format, const ImageFileHeader& header,
-                 std::span<const Sample> samples, itk::IOComponentEnum component_type) {
-  std::vector<Sample> interleaved;
-  if (const std::size_t components = static_cast<std::size_t>(header.components); components > 1) {
-    interleaved.resize(samples.size());
-    const std::size_t voxels = samples.size() / components;
-    for (std::size_t c = 0; c < components; ++c)
-      for (std::size_t i = 0; i < voxels; ++i) interleaved[i * components + c] = samples[c * voxels + i];
-  }
+void write_png(const std::filesystem::path& path, const ImageFileHeader& header, std::span<const Sample> samples,
+               itk::IOComponentEnum component_type) {
   const std::string name = path.filename().string();
   TemporaryFile file(path);
-  write_with_itk(file.path(), name, format, header, component_type,
-                 interleaved.empty() ? samples.data() : interleaved.data());
-  // Not every writer of ITK notices that the disk is full.
+  write_with_itk(file.path(), name, ImageFormat::Png, header, component_type, samples.data());
   std::error_code error;
-  const std::uintmax_t written = std::filesystem::file_size(file.path(), error);
-  if (error || (format != ImageFormat::Png && written < samples.size_bytes()))
-    throw FileError("cannot write " + name + ": the file came out too short, is the disk full?");
+  if (!std::filesystem::exists(file.path(), error) || error)
+    throw FileError("cannot write " + name + ": is the disk full, or its folder write-protected?");
   file.take_place();
 }
 
@@ -321,10 +355,10 @@ template <typename Sample>
 void write_any(const std::filesystem::path& path, const ImageFileHeader& header, std::span<const Sample> samples,
                itk::IOComponentEnum component_type) {
   const ImageFormat format = format_from_suffix(path);
-  if (format == ImageFormat::Nifti || format == ImageFormat::CompressedNifti)
-    write_nifti(path, format, header, samples, component_type);
+  if (format == ImageFormat::Png)
+    write_png(path, header, samples, component_type);
   else
-    write_other(path, format, header, samples, component_type);
+    write_after_head(path, format, header, samples, component_type);
 }
 
 }  // namespace

@@ -31,8 +31,8 @@ ImageFileHeader read_image_header(const std::filesystem::path& path);
 ImageFile read_image_file(const std::filesystem::path& path);
 
 /// Throw FileError, and InvalidInput for sizes that NIfTI has no room for. `samples` has x fastest and the component
-/// slowest. NIfTI files are written from where the samples are; the other formats take a copy of vectors. May be called
-/// by several threads at once.
+/// slowest. All but PNG are written from where the samples are, without a copy of them. May be called by several
+/// threads at once.
 void write_image_file(const std::filesystem::path& path, const ImageFileHeader& header, std::span<const float> samples);
 void write_image_file(const std::filesystem::path& path, const ImageFileHeader& header,
                       std::span<const std::uint8_t> samples);
