@@ -6,48 +6,72 @@
 #include <limits>
 #include <vector>
 
-#include "core/support/reduction.h"
-
 namespace saltus {
+namespace {
+
+/// Of a plane. Logarithms are taken from one that is common to all planes: what is alike everywhere leaves nothing to
+/// cancel.
+struct Part {
+  double min = std::numeric_limits<double>::infinity(), max = -min;
+  std::size_t positive = 0, not_positive = 0;
+  double sum = 0, squares = 0;
+};
+
+}  // namespace
 
 template <int Dim>
 JacobianStatistics jacobian_statistics(const Volume<Dim>& jacobian) {
-  JacobianStatistics statistics;
-  statistics.min = std::numeric_limits<double>::infinity();
-  statistics.max = -statistics.min;
-  std::size_t not_positive = 0;
-  std::vector<double> logarithms;
   const ImageGrid<Dim>& grid = jacobian.grid;
-  logarithms.reserve(grid.voxels());
   std::array<int, 3> begin{}, end{1, 1, 1};
   for (int axis = 0; axis < Dim; ++axis) {
     begin[axis] = grid.size[axis] > 2 ? 1 : 0;
     end[axis] = grid.size[axis] - begin[axis];
   }
-  for (int z = begin[2]; z < end[2]; ++z)
-    for (int y = begin[1]; y < end[1]; ++y) {
-      const float* row = jacobian.samples.data() + (static_cast<std::size_t>(z) * grid.size[1] + y) * grid.size[0];
+  const auto first = std::find_if(jacobian.samples.begin(), jacobian.samples.end(), [](float j) { return j > 0; });
+  const double start = first == jacobian.samples.end() ? 0 : std::log(static_cast<double>(*first));
+  const int last_axis = Dim - 1;
+  std::vector<Part> parts(static_cast<std::size_t>(end[last_axis] - begin[last_axis]));
+#pragma omp parallel for schedule(static)
+  for (int plane = begin[last_axis]; plane < end[last_axis]; ++plane) {
+    Part part;
+    const int z_begin = Dim == 3 ? plane : 0, y_begin = Dim == 3 ? begin[1] : plane;
+    const int y_end = Dim == 3 ? end[1] : plane + 1;
+    for (int y = y_begin; y < y_end; ++y) {
+      const float* row =
+          jacobian.samples.data() + (static_cast<std::size_t>(z_begin) * grid.size[1] + y) * grid.size[0];
       for (int x = begin[0]; x < end[0]; ++x) {
         const double value = row[x];
-        statistics.min = std::min(statistics.min, value);
-        statistics.max = std::max(statistics.max, value);
-        if (value > 0) {
-          logarithms.push_back(value);
-        } else {
-          ++not_positive;
+        part.min = std::min(part.min, value);
+        part.max = std::max(part.max, value);
+        if (!(value > 0)) {
+          ++part.not_positive;
+          continue;
         }
+        const double log = std::log(value) - start;
+        ++part.positive;
+        part.sum += log;
+        part.squares += log * log;
       }
     }
-  const std::size_t positive = logarithms.size();
-  statistics.n = positive + not_positive;
-  statistics.share_not_positive = static_cast<double>(not_positive) / static_cast<double>(statistics.n);
-  if (positive == 0) return statistics;
-#pragma omp parallel for schedule(static)
-  for (std::size_t i = 0; i < positive; ++i) logarithms[i] = std::log(logarithms[i]);
-  const auto count = static_cast<double>(positive);
-  const double mean = ordered_sum(positive, [&](std::size_t i) { return logarithms[i]; }) / count;
-  const auto square = [&](std::size_t i) { return (logarithms[i] - mean) * (logarithms[i] - mean); };
-  statistics.sd_log = std::sqrt(ordered_sum(positive, square) / count);
+    parts[static_cast<std::size_t>(plane - begin[last_axis])] = part;
+  }
+  Part all;
+  for (const Part& part : parts) {
+    all.min = std::min(all.min, part.min);
+    all.max = std::max(all.max, part.max);
+    all.positive += part.positive;
+    all.not_positive += part.not_positive;
+    all.sum += part.sum;
+    all.squares += part.squares;
+  }
+  JacobianStatistics statistics;
+  statistics.min = all.min;
+  statistics.max = all.max;
+  statistics.n = all.positive + all.not_positive;
+  statistics.share_not_positive = static_cast<double>(all.not_positive) / static_cast<double>(statistics.n);
+  if (all.positive == 0) return statistics;
+  const double mean = all.sum / static_cast<double>(all.positive);
+  statistics.sd_log = std::sqrt(std::max(0.0, all.squares / static_cast<double>(all.positive) - mean * mean));
   return statistics;
 }
 
