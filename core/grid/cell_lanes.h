@@ -187,6 +187,8 @@ class CellLanes {
                            const int high = low_[2][lane] + (last_[2] > 0);
                            return wanted[lane] && high >= begin && high < end;
                          });
+    if constexpr (Dim == 2)
+      if (last_[0] > 0) return spread_rows_of_2(given, count, wanted, begin, end, field);
     for (int first = 0; first < kApart; ++first)
       for (int lane = first; lane < count; lane += kApart) {
         if (!wanted[lane]) continue;
@@ -302,6 +304,30 @@ class CellLanes {
           share.add(weights[2][lane], at + plane);
           share.add(weights[3][lane], at + plane + row);
         }
+      }
+  }
+
+  /// In 2-D a row of a cell is four values: both channels of two sites.
+  [[gnu::always_inline]] void spread_rows_of_2(const Vectors& given, int count, const LaneMask& wanted, int begin,
+                                               int end, T* field) const {
+    typedef T Row __attribute__((vector_size(4 * sizeof(T))));
+    const bool has_upper = last_[1] > 0;
+    const std::size_t row = has_upper ? 2 * std::size_t{stride_[1]} : 0;
+    const auto add = [](const Row& terms, T* to) __attribute__((always_inline)) {
+      Row sum;
+      std::memcpy(&sum, to, sizeof sum);
+      sum += terms;
+      std::memcpy(to, &sum, sizeof sum);
+    };
+    for (int first = 0; first < kApart; ++first)
+      for (int lane = first; lane < count; lane += kApart) {
+        if (!wanted[lane]) continue;
+        const T x = fraction_[0][lane], y = fraction_[1][lane], a = given[lane][0], b = given[lane][1];
+        const Row share = Row{a, b, a, b} * Row{1 - x, 1 - x, x, x};
+        T* const at = field + 2 * std::size_t{base_[lane]};
+        const int low = low_[1][lane], high = low + has_upper;
+        if (low >= begin && low < end) add((1 - y) * share, at);
+        if (high >= begin && high < end) add(y * share, at + row);
       }
   }
 

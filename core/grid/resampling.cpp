@@ -107,8 +107,19 @@ template <class Inner>
 void LatticeInterpolation<Dim, T>::transpose_axis(int axis, std::size_t outer, Inner inner, const T* in, T* out) const {
   for (std::size_t o = 0; o < outer; ++o, in += taps_[axis].size() * inner)
     for (const Gathering gathering : gatherings_[axis]) {
-      std::fill_n(out, static_cast<std::size_t>(inner), T(0));
       const T* share = shares_[axis].data() + gathering.share;
+      if constexpr (std::is_same_v<Inner, Constant<2>>) {  // summed in a register
+        typedef T Two __attribute__((vector_size(2 * sizeof(T))));
+        Two sum = {}, values;
+        for (int i = gathering.begin; i < gathering.end; ++i, ++share) {
+          std::memcpy(&values, in + 2 * static_cast<std::size_t>(i), sizeof values);
+          sum += *share * values;
+        }
+        std::memcpy(out, &sum, sizeof sum);
+        out += 2;
+        continue;
+      }
+      std::fill_n(out, static_cast<std::size_t>(inner), T(0));
       for (int i = gathering.begin; i < gathering.end; ++i, ++share) {
         const T w = *share;
         const T* value = in + static_cast<std::size_t>(i) * inner;
