@@ -140,6 +140,14 @@ class CellLanes {
           take(lane, corners.rows(field, lane).value(corners.x[lane], corners.y[lane], corners.z[lane]));
         return;
       }
+    if constexpr (Dim == 2)
+      if (last_[0] > 0) {
+        for (int lane = 0; lane < count; ++lane) {
+          const auto [low, high] = rows_of_2(field, lane);
+          take(lane, along_row_of_2(between(low, high, fraction_[1][lane]), fraction_[0][lane]));
+        }
+        return;
+      }
     for (int lane = 0; lane < count; ++lane) take(lane, vector_of(cell(lane).template value<Dim>(field)));
   }
 
@@ -159,6 +167,19 @@ class CellLanes {
           Vector gradient = sums_of_three(slopes);
           if (any_clamped) gradient *= Vector{slope_[0][lane], slope_[1][lane], slope_[2][lane]};
           take(lane, value, gradient);
+        }
+        return;
+      }
+    if constexpr (Dim == 2)
+      if (last_[0] > 0) {
+        for (int lane = 0; lane < count; ++lane) {
+          const auto [low, high] = rows_of_2(field, lane);
+          const T x = fraction_[0][lane];
+          const Vector row = between(low, high, fraction_[1][lane]);
+          const Vector along_x = dual[lane] * (upper_of_2(row) - row),
+                       along_y = dual[lane] * along_row_of_2(high - low, x);
+          take(lane, along_row_of_2(row, x),
+               Vector{slope_[0][lane] * (along_x[0] + along_x[1]), slope_[1][lane] * (along_y[0] + along_y[1])});
         }
         return;
       }
@@ -307,14 +328,31 @@ class CellLanes {
       }
   }
 
-  /// In 2-D a row of a cell is four values: both channels of two sites.
+  // In 2-D a row of a cell is four values: both components at two sites.
+
+  /// Of a cell the lower row and the upper one.
+  [[gnu::always_inline]] std::pair<Vector, Vector> rows_of_2(const T* field, int lane) const {
+    const T* at = field + 2 * std::size_t{base_[lane]};
+    Vector low, high;
+    std::memcpy(&low, at, sizeof low);
+    std::memcpy(&high, at + (last_[1] > 0 ? 2 * std::size_t{stride_[1]} : 0), sizeof high);
+    return {low, high};
+  }
+  /// Exactly one of them where t is 0 or 1.
+  [[gnu::always_inline]] static Vector between(const Vector& a, const Vector& b, T t) { return a - t * a + t * b; }
+  [[gnu::always_inline]] static Vector upper_of_2(const Vector& row) {
+    return __builtin_shufflevector(row, row, 2, 3, 2, 3);
+  }
+  /// Two components; the others mean nothing.
+  [[gnu::always_inline]] static Vector along_row_of_2(const Vector& row, T x) {
+    return between(row, upper_of_2(row), x);
+  }
   [[gnu::always_inline]] void spread_rows_of_2(const Vectors& given, int count, const LaneMask& wanted, int begin,
                                                int end, T* field) const {
-    typedef T Row __attribute__((vector_size(4 * sizeof(T))));
     const bool has_upper = last_[1] > 0;
     const std::size_t row = has_upper ? 2 * std::size_t{stride_[1]} : 0;
-    const auto add = [](const Row& terms, T* to) __attribute__((always_inline)) {
-      Row sum;
+    const auto add = [](const Vector& terms, T* to) __attribute__((always_inline)) {
+      Vector sum;
       std::memcpy(&sum, to, sizeof sum);
       sum += terms;
       std::memcpy(to, &sum, sizeof sum);
@@ -323,7 +361,7 @@ class CellLanes {
       for (int lane = first; lane < count; lane += kApart) {
         if (!wanted[lane]) continue;
         const T x = fraction_[0][lane], y = fraction_[1][lane], a = given[lane][0], b = given[lane][1];
-        const Row share = Row{a, b, a, b} * Row{1 - x, 1 - x, x, x};
+        const Vector share = Vector{a, b, a, b} * Vector{1 - x, 1 - x, x, x};
         T* const at = field + 2 * std::size_t{base_[lane]};
         const int low = low_[1][lane], high = low + has_upper;
         if (low >= begin && low < end) add((1 - y) * share, at);
