@@ -250,9 +250,12 @@ void write_with_itk(const std::filesystem::path& path, const std::string& name, 
   throw FileError("cannot write " + name + ": " + reason(error, path, name));
 }
 
-/// Everything before the voxels, from the file of a smaller image.
-std::vector<char> read_head(const std::filesystem::path& path, std::uint64_t length) {
-  std::vector<char> head(length);
+/// Everything before the voxels in a file that ends with them.
+std::vector<char> read_head(const std::filesystem::path& path, std::size_t voxel_bytes) {
+  std::error_code error;
+  const std::uintmax_t size = std::filesystem::file_size(path, error);
+  if (error || size <= voxel_bytes) throw FileError("too short");
+  std::vector<char> head(size - voxel_bytes);
   std::ifstream input(path, std::ios::binary);
   if (!input.read(head.data(), static_cast<std::streamsize>(head.size()))) throw FileError("too short");
   return head;
@@ -284,21 +287,18 @@ std::vector<char> head_of(const std::filesystem::path& path, ImageFormat format,
     sizes += (axis > 0 ? " " : "") + std::to_string(header.size[axis]);
   }
   const std::vector<Sample> samples(8 * static_cast<std::size_t>(header.components));
-  TemporaryFile file(is_nifti ? path.parent_path() / (path.stem().stem().string() + ".nii") : path);
+  const std::size_t voxels = small.size[0] * small.size[1] * (header.dimension == 3 ? small.size[2] : 1);
+  // ITK takes the suffix as it is written here.
+  const char* suffix = is_nifti ? ".nii" : format == ImageFormat::MetaImage ? ".mha" : ".nrrd";
+  TemporaryFile file(path.parent_path() / (path.stem().stem().string() + suffix));
   write_with_itk(file.path(), name, is_nifti ? ImageFormat::Nifti : format, small, component_type, samples.data());
   try {
-    if (format == ImageFormat::MetaImage) {
-      std::vector<char> head = read_head(file.path(), read_meta_header(file.path()).data_offset);
-      replace_sizes(head, "DimSize = ", sizes);
-      return head;
-    }
-    if (format == ImageFormat::Nrrd) {
-      std::vector<char> head = read_head(file.path(), read_nrrd_header(file.path()).data_offset);
+    std::vector<char> head =
+        read_head(file.path(), voxels * static_cast<std::size_t>(header.components) * sizeof(Sample));
+    if (format == ImageFormat::MetaImage) replace_sizes(head, "DimSize = ", sizes);
+    if (format == ImageFormat::Nrrd)
       replace_sizes(head, "sizes: ", (header.components > 1 ? std::to_string(header.components) + " " : "") + sizes);
-      return head;
-    }
-    std::vector<char> head = read_head(file.path(), read_nifti_header(file.path()).data_offset);
-    for (int axis = 0; axis < header.dimension; ++axis) {
+    for (int axis = 0; is_nifti && axis < header.dimension; ++axis) {
       const auto size = static_cast<std::int16_t>(header.size[axis]);
       std::memcpy(head.data() + kNiftiSizes + sizeof size * static_cast<std::size_t>(axis), &size, sizeof size);
     }

@@ -40,7 +40,8 @@ std::size_t most_active_blocks(const Lattice<Dim>& image, double share) {
 /// After a scale's order-1 fields lie its oriented momenta (oriented_momenta.h), those of the active elements only.
 /// Elements join and leave like blocks, one by one, and leave as well when blocks or others of them change. Those that
 /// may join are candidates of `turn`: which of them, beside what is there only with a multiple of the weight, and in a
-/// reweighted round none whose weight is far above lambda, so that a minimum leaves out elements that would add little.
+/// reweighted round none at sites where all weights are far above lambda, so that a minimum leaves out elements that
+/// would add little.
 template <int Dim, class T>
 class WorkingSet {
  public:

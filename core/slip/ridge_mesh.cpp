@@ -34,8 +34,9 @@ Directions<Dim> directions_of(const JumpDensity<Dim>& density, double least) {
     const Matrix<Dim> b = tensor.template cast<double>();
     if (b.squaredNorm() == 0) continue;
     Eigen::SelfAdjointEigenSolver<Matrix<Dim>> solver;
-    // The strength is no more than the norm.
-    solver.computeDirect(b.transpose() * b, b.norm() < least ? Eigen::EigenvaluesOnly : Eigen::ComputeEigenvectors);
+    // The strength is no more than the norm, but for rounding.
+    solver.computeDirect(b.transpose() * b,
+                         b.norm() < 0.999 * least ? Eigen::EigenvaluesOnly : Eigen::ComputeEigenvectors);
     const double strength = std::sqrt(std::max(0.0, solver.eigenvalues()[Dim - 1]));
     found.strength[site] = static_cast<float>(strength);
     if (strength >= least) found.normal[site] = solver.eigenvectors().col(Dim - 1);

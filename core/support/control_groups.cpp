@@ -20,7 +20,11 @@ std::vector<fs::path> control_groups(const std::string& controller, const fs::pa
     if (controllers.empty()) folders.push_back(groups / group);
     std::istringstream names(controllers);
     for (std::string name; std::getline(names, name, ',');)
-      if (name == controller) folders.push_back(groups / controllers / group);
+      if (name == controller) {
+        folders.push_back(groups / controllers / group);
+        // The folder may have its controllers in another order, and a link for each of them.
+        if (controllers != controller) folders.push_back(groups / controller / group);
+      }
   }
   return folders;
 }

@@ -231,43 +231,68 @@ std::string unpacked(const std::filesystem::path& path) {
 }
 
 template <int Dim>
-void nifti_is_that_of_itk(const ImageGrid<Dim>& grid) {
+void files_are_those_of_itk(const ImageGrid<Dim>& grid, const std::string& suffix) {
   const TemporaryFolder folder;
+  const bool is_packed = suffix == ".nii.gz";
+  const std::string plain = is_packed ? ".nii" : suffix;
+  const auto of_itk = [&](const auto& image, const std::string& name) {
+    auto writer = itk::ImageFileWriter<std::remove_reference_t<decltype(*image)>>::New();
+    const auto io = itk_io(plain);
+    if (plain == ".mha") static_cast<itk::MetaImageIO&>(*io).SetDoublePrecision(17);
+    writer->SetImageIO(io);
+    writer->SetFileName((folder / (name + plain)).string());
+    writer->SetInput(image);
+    writer->Update();
+    return bytes_of(folder / (name + plain));
+  };
+  const auto ours = [&](const std::string& name) {
+    return is_packed ? unpacked(folder / (name + suffix)) : bytes_of(folder / (name + suffix));
+  };
   const Volume<Dim> image = sample_volume(grid);
   auto scalars = make_itk_image<itk::Image<float, Dim>>(grid);
   std::copy(image.samples.begin(), image.samples.end(), scalars->GetBufferPointer());
-  write_with_itk(scalars.GetPointer(), folder / "itk_image.nii", ".nii");
+  write_volume(folder / ("image" + suffix), image);
+  EXPECT_TRUE(ours("image") == of_itk(scalars.GetPointer(), "itk_image")) << suffix << " of scalars";
+
   const VectorVolume<Dim> field = sample_vectors(grid);
   auto vectors = make_itk_image<itk::Image<itk::Vector<float, Dim>, Dim>>(grid);
   for (std::size_t i = 0; i < grid.voxels(); ++i)
     for (int c = 0; c < Dim; ++c) vectors->GetBufferPointer()[i][c] = field.component(c)[i];
-  write_with_itk(vectors.GetPointer(), folder / "itk_field.nii", ".nii");
+  write_vector_volume(folder / ("field" + suffix), field);
+  EXPECT_TRUE(ours("field") == of_itk(vectors.GetPointer(), "itk_field")) << suffix << " of vectors";
+
   Volume<Dim> labels(grid, 3.0f);
   auto bytes = make_itk_image<itk::Image<unsigned char, Dim>>(grid);
   bytes->FillBuffer(3);
-  write_with_itk(bytes.GetPointer(), folder / "itk_labels.nii", ".nii");
-  for (const std::string suffix : {".nii", ".nii.gz"}) {
-    const auto content = [&](const std::string& name) {
-      return suffix == ".nii" ? bytes_of(folder / (name + suffix)) : unpacked(folder / (name + suffix));
-    };
-    write_volume(folder / ("image" + suffix), image);
-    write_vector_volume(folder / ("field" + suffix), field);
-    write_labels(folder / ("labels" + suffix), labels);
-    EXPECT_EQ(content("image"), bytes_of(folder / "itk_image.nii"));
-    EXPECT_EQ(content("field"), bytes_of(folder / "itk_field.nii"));
-    EXPECT_EQ(content("labels"), bytes_of(folder / "itk_labels.nii"));
+  write_labels(folder / ("labels" + suffix), labels);
+  EXPECT_TRUE(ours("labels") == of_itk(bytes.GetPointer(), "itk_labels")) << suffix << " of labels";
+}
+
+TEST(ImagesOfItk, AreOursByteForByte) {
+  for (const std::string suffix : {".mha", ".nrrd", ".nii", ".nii.gz"}) {
+    files_are_those_of_itk(oblique_grid<2>(), suffix);
+    files_are_those_of_itk(oblique_grid<3>(), suffix);
+    for (int axis = 0; axis < 3; ++axis)
+      for (const int size : {1, 2}) {
+        ImageGrid<3> grid = oblique_grid<3>();
+        grid.size[axis] = size;
+        files_are_those_of_itk(grid, suffix);
+      }
+    // More than is put together at once.
+    ImageGrid<3> large = oblique_grid<3>();
+    large.size = {37, 31, 29};
+    files_are_those_of_itk(large, suffix);
   }
 }
 
-TEST(NiftiImages, AreWrittenByteForByteAsItkWritesThem) {
-  nifti_is_that_of_itk(oblique_grid<2>());
-  nifti_is_that_of_itk(oblique_grid<3>());
-  for (int axis = 0; axis < 3; ++axis)
-    for (const int size : {1, 2}) {
-      ImageGrid<3> grid = oblique_grid<3>();
-      grid.size[axis] = size;
-      nifti_is_that_of_itk(grid);
-    }
+TEST(WriteImage, TakesSuffixesInCapitals) {
+  const TemporaryFolder folder;
+  const Volume<3> image = sample_volume<3>();
+  for (const char* name : {"image.MHA", "image.NRRD", "image.NII.GZ"}) {
+    write_volume(folder / name, image);
+    EXPECT_TRUE(std::filesystem::exists(folder / name)) << name;
+  }
+  EXPECT_EQ(std::distance(std::filesystem::directory_iterator(folder.path()), {}), 3) << "files were left behind";
 }
 
 TEST(NiftiImages, LargerThanWhatIsPackedAtOnceAreOneMember) {

@@ -4,6 +4,9 @@
 
 #include <Eigen/LU>
 #include <cmath>
+#include <limits>
+#include <numeric>
+#include <vector>
 
 #include "tests/unit/core/evaluation/fields.h"
 
@@ -47,6 +50,43 @@ TEST(JacobianStatistics, LeaveTheBorderOut) {
   EXPECT_NEAR(statistics.max, std::exp(2.0), 1e-6);
   EXPECT_EQ(statistics.share_not_positive, 0.5);
   EXPECT_NEAR(statistics.sd_log, 1, 1e-6);  // of {0, 2}
+}
+
+/// Of a volume whose inside is a little off 1.37 here and there, and whose border means nothing.
+Volume<3> nearly_constant() {
+  ImageGrid<3> grid;
+  grid.size = {9, 8, 7};
+  Volume<3> jacobian(grid, 1e-30f);
+  for (int z = 1; z < 6; ++z)
+    for (int y = 1; y < 7; ++y)
+      for (int x = 1; x < 8; ++x)
+        jacobian.samples[static_cast<std::size_t>((z * 8 + y) * 9 + x)] =
+            1.37f + 1e-5f * static_cast<float>((3 * x + 5 * y + 7 * z) % 11);
+  return jacobian;
+}
+
+TEST(JacobianStatistics, SeeSmallDeviationsOfAllPlanesTogether) {
+  const Volume<3> jacobian = nearly_constant();
+  std::vector<double> logarithms;
+  for (float value : jacobian.samples)
+    if (value > 1) logarithms.push_back(std::log(static_cast<double>(value)));
+  ASSERT_EQ(logarithms.size(), 5u * 6 * 7);
+  const double count = static_cast<double>(logarithms.size());
+  const double mean = std::accumulate(logarithms.begin(), logarithms.end(), 0.0) / count;
+  double squares = 0;
+  for (double log : logarithms) squares += (log - mean) * (log - mean);
+  const JacobianStatistics statistics = jacobian_statistics(jacobian);
+  EXPECT_EQ(statistics.n, logarithms.size());
+  EXPECT_EQ(statistics.share_not_positive, 0);
+  EXPECT_NEAR(statistics.sd_log / std::sqrt(squares / count), 1, 1e-9);
+}
+
+TEST(JacobianStatistics, DoNotHideWhatIsNotFinite) {
+  Volume<3> jacobian = nearly_constant();
+  jacobian.samples[static_cast<std::size_t>((3 * 8 + 3) * 9 + 3)] = std::numeric_limits<float>::infinity();
+  const JacobianStatistics statistics = jacobian_statistics(jacobian);
+  EXPECT_TRUE(std::isinf(statistics.max));
+  EXPECT_TRUE(std::isnan(statistics.sd_log));
 }
 
 }  // namespace
