@@ -39,9 +39,8 @@ std::size_t most_active_blocks(const Lattice<Dim>& image, double share) {
 ///
 /// After a scale's order-1 fields lie its oriented momenta (oriented_momenta.h), those of the active elements only.
 /// Elements join and leave like blocks, one by one, and leave as well when blocks or others of them change. Those that
-/// may join are candidates of `turn`: which of them, beside what is there only with a multiple of the weight, and in a
-/// reweighted round none at sites where all weights are far above lambda, so that a minimum leaves out elements that
-/// would add little.
+/// may join are candidates of `turn`: which of them, and beside what is there only with a multiple of the weight, so
+/// that a minimum leaves out elements that would add little.
 template <int Dim, class T>
 class WorkingSet {
  public:
@@ -191,7 +190,6 @@ class WorkingSet {
   std::size_t most_active_ = std::numeric_limits<std::size_t>::max();  ///< of a scale
   double kept_out_share_ = 0;
   bool shear_only_ = false;
-  SparsityRound::Weights weights_ = SparsityRound::Weights::Even;  ///< of the round
   bool lets_blocks_join_ = true, looks_everywhere_ = true;
   bool elements_stand_alone_ = false;
 };

@@ -11,10 +11,6 @@ namespace {
 /// How many times its weight an element has to pull to join beside one that is active: what it could add, that one
 /// makes nearly as well.
 constexpr double kBesideActive = 2.5;
-/// In a reweighted round nothing is looked at at a site where the weights of all normals are so many times lambda: that
-/// is far from all momenta of the round before (the most is 6.7 times, see reweighting.h), and what is there could
-/// hardly pull as hard. In 3-D none of 13000 such looks let an element in, of some 3000 on a wheel one.
-constexpr float kOutOfReach = 4;
 
 }  // namespace
 
@@ -24,19 +20,8 @@ void WorkingSet<Dim, T>::list_candidates(std::size_t scale, const std::vector<T>
   Oriented& oriented = oriented_[scale];
   const std::vector<std::uint32_t>& candidates = oriented.momenta->candidates();
   const T* values = x.data() + sparsity_[oriented.range].begin;
-  const std::vector<float>& factors = factors_[oriented.range];
-  const bool asks_all = factors.empty() || weights_ != SparsityRound::Weights::Reweighted;
-  const std::size_t sites = oriented.momenta->lattice().sites();
-  const auto is_in_reach = [&](std::size_t site) {
-    for (std::size_t at = site; at < factors.size(); at += sites)
-      if (factors[at] < kOutOfReach) return true;
-    return false;
-  };
-  std::vector<std::uint32_t> in_reach;
-  std::copy_if(candidates.begin(), candidates.end(), std::back_inserter(in_reach),
-               [&](std::uint32_t element) { return asks_all || is_in_reach(oriented.momenta->site_of(element)); });
   oriented.listed.clear();
-  std::set_union(in_reach.begin(), in_reach.end(), oriented.active.begin(), oriented.active.end(),
+  std::set_union(candidates.begin(), candidates.end(), oriented.active.begin(), oriented.active.end(),
                  std::back_inserter(oriented.listed));
   oriented.values.assign((Dim - 1) * oriented.listed.size(), T(0));
   oriented.gradient.assign(oriented.values.size(), T(0));

@@ -96,7 +96,6 @@ std::vector<std::vector<float>> WorkingSet<Dim, T>::reweighted(std::size_t scale
 
 template <int Dim, class T>
 void WorkingSet<Dim, T>::weigh(const SparsityRound& round, const std::vector<T>& x) {
-  weights_ = round.weights;
   lets_blocks_join_ = round.lets_blocks_join;
   for (std::size_t s = 0; s < scales_.size(); ++s) {
     if (!scales_[s]->can_slide()) continue;
@@ -138,7 +137,6 @@ void WorkingSet<Dim, T>::restore_weights(const SparsityRound& round, const std::
   if (!fits)
     throw InvalidInput("the sparsity factors are " + std::to_string(factors.size()) + " lists for " +
                        std::to_string(sparsity_.size()) + " fields of first-order momenta, or of other lengths");
-  weights_ = round.weights;
   lets_blocks_join_ = round.lets_blocks_join;
   factors_ = factors;
   gather_factors();

@@ -380,38 +380,6 @@ TEST(OrientedModel, LetsLittleJoinBesideWhatIsActive) {
   EXPECT_GT(let_in_beside, 3u);
 }
 
-// In a reweighted round none whose weight is four times lambda is asked, however hard it pulls; in one with even
-// weights all are, whatever these are.
-TEST(OrientedModel, AsksNoneWhoseWeightIsFarAboveLambda) {
-  omp_set_num_threads(1);
-  const SettledSlip settled;
-  constexpr double kLambda = 4e-4;
-  const auto joined = [&](double lambda, SparsityRound::Weights weights, float factor) {
-    auto objective = settled.make(lambda);
-    settled.begin(objective);
-    std::vector<std::vector<float>> factors(objective.sparsity().size());
-    std::size_t range = 0;
-    while (objective.sparsity()[range].group != 1) ++range;
-    for (const auto* scale : settled.scales)
-      if (scale->oriented()) factors[range++].assign(scale->oriented()->elements(), factor);
-    objective.working_set().restore_weights({weights, 1, true}, factors);
-    settled.look(objective, settled.x);
-    return objective.working_set().active_elements();
-  };
-  const auto count = [](const std::vector<std::vector<std::uint32_t>>& lists) {
-    std::size_t sum = 0;
-    for (const auto& list : lists) sum += list.size();
-    return sum;
-  };
-  using enum SparsityRound::Weights;
-  const auto all = joined(kLambda, Even, 1);
-  ASSERT_GT(count(all), 10u);
-  EXPECT_EQ(joined(kLambda / 8, Even, 8), all);
-  EXPECT_EQ(joined(kLambda / 2, Reweighted, 2), all);
-  EXPECT_GT(count(joined(kLambda / 8, Reweighted, 3.9f)), count(all));
-  EXPECT_EQ(count(joined(kLambda / 8, Reweighted, 4)), 0u);
-}
-
 // In 3-D an element stands for nine sites of its plane, and has to go as far in a step as all of them would.
 TEST(OrientedModel, HasOneElementForNineSitesIn3d) {
   Lattice<3> lattice;
