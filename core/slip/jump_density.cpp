@@ -27,7 +27,7 @@ Lattice<Dim> finest_with_elements(const std::vector<JumpElements<Dim>>& elements
   return *finest;
 }
 
-/// Adds value times a hat as wide as two cells of `from`, which sums to 1, to the samples around `at`; there are
+/// Adds value times a hat as wide as two cells of `from`, which sums to 1, to the samples around `place`; there are
 /// `Channels` values a sample. One after the other, with memory that is used again.
 template <int Dim, int Channels>
 class HatAdder {
@@ -139,13 +139,14 @@ void add_one_by_one(const Lattice<Dim>& lattice, const JumpElements<Dim>& of, fl
     const auto add_at = [&](const Vector<Dim>& at, double weight) {
       add(at, Eigen::Matrix<double, 1, 1>(weight), share.data());
     };
-    for (const auto& [first, weight] : lateral_weights<Dim>(of.lattice, axes[0], of.width_mm)) {
-      const Vector<Dim> at = element.at + first * axes[0];
-      if constexpr (Dim == 2)
-        add_at(at, weight);
-      else
-        for (const auto& [second, other] : lateral_weights<Dim>(of.lattice, axes[1], of.width_mm))
-          add_at(at + second * axes[1], weight * other);
+    const auto along = lateral_weights<Dim>(of.lattice, axes[0], of.width_mm);
+    if constexpr (Dim == 2) {
+      for (const auto& [place, weight] : along) add_at(element.at + place * axes[0], weight);
+    } else {
+      const auto across = lateral_weights<Dim>(of.lattice, axes[1], of.width_mm);
+      for (const auto& [first, weight] : along)
+        for (const auto& [second, other] : across)
+          add_at(element.at + first * axes[0] + second * axes[1], weight * other);
     }
     Eigen::Matrix<float, Dim * Dim, 1> tensor;
     for (int c = 0; c < Dim; ++c)

@@ -1,6 +1,6 @@
 #include "core/support/available_cores.h"
 
-#include "tests/support/temporary_folder.h"
+#include "tests/support/kernel_files.h"
 
 #include <gtest/gtest.h>
 #include <omp.h>
@@ -14,16 +14,10 @@ namespace {
 
 namespace fs = std::filesystem;
 
-/// A root with the files that the kernel makes of control groups, as in its documentation.
-class AvailableCores : public ::testing::Test {
+class AvailableCores : public testing_support::KernelFiles {
  protected:
-  void write(const std::string& name, const std::string& text) {
-    fs::create_directories((folder_ / name).parent_path());
-    folder_.write(name, text);
-  }
   int found() const { return available_cores(folder_.path()); }
 
-  testing_support::TemporaryFolder folder_;
   const int all_ = available_cores(folder_.path());  ///< without a quota
 };
 

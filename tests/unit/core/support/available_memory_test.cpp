@@ -1,6 +1,6 @@
 #include "core/support/available_memory.h"
 
-#include "tests/support/temporary_folder.h"
+#include "tests/support/kernel_files.h"
 
 #include <gtest/gtest.h>
 #include <unistd.h>
@@ -16,17 +16,10 @@ namespace fs = std::filesystem;
 
 constexpr std::int64_t kMachine = std::int64_t{16} << 30;
 
-/// A root with the files that the kernel makes, as in its documentation.
-class AvailableMemory : public ::testing::Test {
+class AvailableMemory : public testing_support::KernelFiles {
  protected:
   void SetUp() override { write("proc/meminfo", "MemTotal:       16777216 kB\nMemFree:         1000 kB\n"); }
-  void write(const std::string& name, const std::string& text) {
-    fs::create_directories((folder_ / name).parent_path());
-    folder_.write(name, text);
-  }
   std::int64_t found() const { return available_memory(folder_.path()); }
-
-  testing_support::TemporaryFolder folder_;
 };
 
 TEST_F(AvailableMemory, IsThatOfTheMachineWithoutALimit) {
