@@ -1,4 +1,5 @@
 #include "core/support/errors.h"
+#include "core/support/thread_binding.h"
 #include "server/config/config.h"
 #include "server/daemon.h"
 #include "server/observe/log_output.h"
@@ -186,6 +187,7 @@ int main(int argc, char** argv) {
   const int signals = take_signals();
   ::umask(0077);
   try {
+    release_thread();
     const ServiceManager manager = ServiceManager::from_environment();
     const ParsedConfig parsed = parse_config(argc, argv);
     std::cout << parsed.config_text;

@@ -2,6 +2,7 @@
 
 #include "core/support/available_cores.h"
 #include "core/support/errors.h"
+#include "core/support/thread_binding.h"
 
 #include <algorithm>
 #include <cerrno>
@@ -120,6 +121,7 @@ bool PrivateDaemon::is_first(const fs::path& program) {
 }
 
 void PrivateDaemon::start(const fs::path& program, const Work& work) {
+  release_thread();
   const Pipe to_daemon = make_pipe();
   stdin_write_end_ = to_daemon.write_end;
   const Pipe from_daemon = make_pipe();

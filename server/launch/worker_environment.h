@@ -27,6 +27,7 @@ inline constexpr const char* kLargePages = "glibc.malloc.hugetlb=1";
 
 /// What the environment of a worker that the daemon launches holds of threads and memory, by name. `inherited`: what
 /// the worker's GLIBC_TUNABLES would be without; what is told there of large pages stays.
+/// Threads are not bound: each worker would bind its first one to the same core.
 inline std::vector<std::pair<std::string, std::string>> worker_variables(int threads, bool has_cores_alone,
                                                                          const char* inherited = nullptr) {
   std::string tunables = inherited ? inherited : "";
@@ -34,6 +35,7 @@ inline std::vector<std::pair<std::string, std::string>> worker_variables(int thr
     tunables += (tunables.empty() ? "" : ":") + std::string(kLargePages);
   return {{"OMP_NUM_THREADS", std::to_string(threads)},
           {"OMP_WAIT_POLICY", "PASSIVE"},
+          {"OMP_PROC_BIND", "false"},
           {"GOMP_SPINCOUNT", has_cores_alone ? kBriefWait : "0"},
           {"GLIBC_TUNABLES", tunables}};
 }

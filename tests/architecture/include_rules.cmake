@@ -69,7 +69,7 @@ set(rpc "<grpc" "<google/" "[<\"].*[.]pb[.]h")
 set(service "<spdlog" "<sqlite3" "<nlohmann" "<CLI/")
 
 # The numerics see Eigen, OpenMP and the standard library; foreign image types stop in core/image_io.
-allow(core EXCEPT core/image_io core/drawing ONLY ${numerics} "\"core/")
+allow(core EXCEPT core/image_io core/drawing core/support ONLY ${numerics} "\"core/")
 forbid(core INCLUDES ${rpc} ${service} "\"(server|client)/")
 forbid(core EXCEPT core/image_io INCLUDES "\"core/image_io/")
 forbid(core EXCEPT core/drawing INCLUDES "\"core/drawing/")
@@ -77,7 +77,7 @@ forbid(core EXCEPT core/drawing INCLUDES "\"core/drawing/")
 allow(core/drawing ONLY ${numerics} "<png[.]h>" "<zlib[.]h>" "\"core/(support|grid|evaluation|drawing)/")
 
 # Inside core: grid, kernels -> momenta -> flow; grid -> similarity; optimisation knows none; registration joins.
-allow(core/support ONLY ${numerics} "\"core/support/")
+allow(core/support ONLY ${numerics} "<sched[.]h>" "\"core/support/")
 allow(core/grid ONLY ${numerics} "\"core/(support|grid)/")
 allow(core/kernels ONLY ${numerics} "\"core/(support|grid|kernels)/")
 allow(core/momenta ONLY ${numerics} "\"core/(support|grid|kernels|momenta)/")

@@ -8,6 +8,7 @@
 #include <fstream>
 #include <iterator>
 #include <limits>
+#include <map>
 #include <sstream>
 #include <thread>
 #include <utility>
@@ -47,14 +48,18 @@ class WorkerOfRegister : public EndToEnd {
     EndToEnd::SetUp();
     std::filesystem::create_directory(folder / "bin");
     script("saltusd", programs + "/saltusd \"$@\" --worker " + (folder / "bin" / "worker").string());
-    script("worker", programs + "/saltus-worker \"$@\"", "echo $GOMP_SPINCOUNT > " + (folder / "turns").string());
+    script("worker", programs + "/saltus-worker \"$@\"",
+           "echo $GOMP_SPINCOUNT > " + (folder / "turns").string() + "; grep Cpus_allowed_list /proc/self/status > " +
+               (folder / "cores").string());
   }
 
-  ChildProcess start_with(int threads, const std::vector<std::string>& what) const {
+  ChildProcess start_with(int threads, const std::vector<std::string>& what,
+                          const std::map<std::string, std::string>& more = {}) const {
     std::vector<std::string> command = job({programs + "/saltus", "register", "--out", folder / "out"}, what);
     *std::next(std::find(command.begin(), command.end(), "--threads")) = std::to_string(threads);
     auto variables = environment();
     variables["SALTUS_BIN"] = folder / "bin";
+    variables.insert(more.begin(), more.end());
     return ChildProcess(command, variables);
   }
   std::string turns() const { return content_of(folder / "turns"); }
@@ -90,6 +95,20 @@ TEST_F(WorkerOfRegister, ThreadsSleepWhileAnotherRegistrationRuns) {
   ChildProcess after = start_with(1, of_a_moment());
   EXPECT_EQ(after.wait(), 0) << after.err();
   EXPECT_EQ(turns(), std::string(server::kBriefWait) + "\n");
+}
+
+// OpenMP binds the first thread of `saltus` and of `saltusd` to one core; neither may hand that on.
+TEST_F(WorkerOfRegister, HasAllCoresWhereverThreadsAreToBeBound) {
+  std::ifstream status("/proc/self/status");
+  std::string own;
+  while (own.find("Cpus_allowed_list") != 0) ASSERT_TRUE(std::getline(status, own));
+  for (const std::pair<const std::string, std::string>& bound :
+       {std::pair<const std::string, std::string>("OMP_PROC_BIND", "true"), {"GOMP_CPU_AFFINITY", "0-1023"}}) {
+    SCOPED_TRACE(bound.first);
+    ChildProcess child = start_with(0, of_a_moment(), {bound});
+    EXPECT_EQ(child.wait(), 0) << child.err();
+    EXPECT_EQ(content_of(folder / "cores"), own + "\n");
+  }
 }
 
 TEST_F(EndToEnd, RegisterTellsJobAndReportAsJson) {

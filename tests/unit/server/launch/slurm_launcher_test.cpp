@@ -666,7 +666,7 @@ TEST_F(BatchScriptTest, TheWorkerHasItsVariables) {
   request.threads = 3;
   const std::string environment = output_of(request, "#!/bin/sh\nenv\n");
   for (const std::string& variable :
-       {std::string("OMP_NUM_THREADS=3"), std::string("OMP_WAIT_POLICY=PASSIVE"),
+       {std::string("OMP_NUM_THREADS=3"), std::string("OMP_WAIT_POLICY=PASSIVE"), std::string("OMP_PROC_BIND=false"),
         std::string("GOMP_SPINCOUNT=") + kBriefWait, std::string("GLIBC_TUNABLES=") + kLargePages})
     EXPECT_THAT(environment, HasSubstr(variable + "\n"));
 }
