@@ -40,7 +40,7 @@ struct DirlabOptions {
   std::vector<double> initial_errors;  ///< in place of the published ones, for other data in the same layout
   bool only_check = false;
   JobOptions job;
-  int jobs = 1;
+  int jobs = 0;
   ServerChoice server;
   bool as_json = false;
 };

@@ -26,7 +26,7 @@ struct RegisterOptions {
   JobOptions job;
   std::string pairs;  ///< a list of pairs in place of one
   std::string out;
-  int jobs = 1;  ///< of a list, at the same time
+  int jobs = 0;  ///< of a list, as in PairsRequest
   ServerChoice server;
   bool as_json = false;
 };
@@ -65,7 +65,7 @@ int register_images(const RegisterOptions& options) {
     return Done;
   }
   if (options.pairs.empty()) {
-    if (options.jobs != 1) throw InvalidInput("--jobs is given without --pairs; one pair is one job");
+    if (options.jobs != 0) throw InvalidInput("--jobs is given without --pairs; one pair is one job");
     make_spec(options.job);  // what is wrong with the job itself is said first
     if (options.out.empty()) throw InvalidInput("--out is missing; name a folder for the result");
     return register_one(options);
@@ -107,7 +107,7 @@ void add_register_command(CLI::App& app, int& exit_code) {
       "  saltus register --fixed exhale.nii.gz --moving inhale.nii.gz --out result\n"
       "  saltus register --fixed ct1.mha --moving ct2.mha --affine rigid --intensity-window -1000,400 \\\n"
       "      --fixed-mask body.mha --preset accurate --out result\n"
-      "  saltus register --pairs patients.csv --jobs 4 --out results    # a list, with fixed,moving in its first line\n"
+      "  saltus register --pairs patients.csv --out results    # a list, with fixed,moving in its first line\n"
       "  saltus register --fixed a.mha --moving b.mha --fixed-points a.csv --moving-points b.csv \\\n"
       "      --points-space ras --out result\n"
       "  saltus register --model wendland1 --set help");

@@ -10,6 +10,7 @@
 #include "client/lib/checksum.h"
 #include "client/lib/client_error.h"
 #include "core/image_io/temporary_file.h"
+#include "core/support/available_cores.h"
 #include "core/support/errors.h"
 
 #include <CLI/CLI.hpp>
@@ -215,9 +216,11 @@ void write_summary(const std::vector<Outcome>& outcomes, const fs::path& folder)
 }  // namespace
 
 void add_jobs_option(CLI::App& app, int& jobs) {
-  app.add_option("--jobs", jobs, "Pairs at the same time; the private daemon shares the cores out among them")
+  app.add_option("--jobs", jobs,
+                 "Pairs at the same time; 0: as many as there are cores, on a server as many as it has slots. The\n"
+                 "private daemon shares the cores out among them")
       ->type_name("N")
-      ->check(CLI::Range(1, 1024))
+      ->check(CLI::Range(0, 1024))
       ->capture_default_str();
 }
 
@@ -284,17 +287,39 @@ std::string list_progress(const ListProgress& progress) {
 
 namespace {
 
+int threads_of_a_job(const std::vector<Pair>& pairs) {
+  int most = 0;
+  for (const Pair& pair : pairs) most = std::max(most, pair.job.threads);
+  return most;
+}
+
+/// Of those that are left as many as get all of them done first: with one thread each, two cores do more than with both
+/// for one after the other (deploy/README.md, "Many pairs on one machine").
+int jobs_at_once(const std::vector<Pair>& pairs, const PairsRequest& request, std::size_t left) {
+  constexpr int uncounted = 8;  // of a server that leaves it to Slurm how many run
+  int most = request.jobs;
+  if (most == 0 && request.server.address.empty()) {
+    most = available_cores() / std::max(1, threads_of_a_job(pairs));
+  } else if (most == 0) {
+    client::RegistrationClient server(call_settings(request.server));
+    most = server.server_info().worker_slots();
+    if (most == 0) most = uncounted;
+  }
+  return static_cast<int>(std::min(left, static_cast<std::size_t>(std::max(1, most))));
+}
+
 /// Works through a list: takes the next pair, runs it, enters how it ended, until none is left or one cannot go on.
 class PairList {
  public:
-  PairList(const std::vector<Pair>& pairs, const PairsRequest& request, std::vector<Outcome>& outcomes)
+  PairList(const std::vector<Pair>& pairs, const PairsRequest& request, int jobs, std::vector<Outcome>& outcomes)
       : pairs_(pairs),
         request_(request),
+        jobs_(jobs),
         outcomes_(outcomes),
-        registrar_(request.server, {request.jobs, most_threads(pairs)}),
+        registrar_(request.server, {jobs, threads_of_a_job(pairs)}),
         display_(std::cerr, display_style_of_stderr()) {
     progress_.count = pairs.size();
-    progress_.jobs = static_cast<std::size_t>(request.jobs);
+    progress_.jobs = static_cast<std::size_t>(jobs);
     for (const Outcome& outcome : outcomes) progress_.done += outcome.state == "done";
   }
 
@@ -302,7 +327,7 @@ class PairList {
   ExitCode run() {
     {
       std::vector<std::jthread> threads;
-      for (int i = 0; i < request_.jobs; ++i) threads.emplace_back([this] { work(); });
+      for (int i = 0; i < jobs_; ++i) threads.emplace_back([this] { work(); });
     }
     display_.finish();
     if (problem_ && !registrar_.is_interrupted()) std::rethrow_exception(problem_);
@@ -312,12 +337,6 @@ class PairList {
   }
 
  private:
-  static int most_threads(const std::vector<Pair>& pairs) {
-    int most = 0;
-    for (const Pair& pair : pairs) most = std::max(most, pair.job.threads);
-    return most;
-  }
-
   std::optional<std::size_t> take() {
     std::lock_guard lock(mutex_);
     while (next_ < pairs_.size() && outcomes_[next_].state == "done") ++next_;
@@ -360,7 +379,7 @@ class PairList {
       seconds_ += std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
       progress_.seconds_a_pair = seconds_ / static_cast<double>(done_now_);
       // Every pair's end is told, however soon the next one's follows.
-      if (request_.jobs > 1) show_all();
+      if (jobs_ > 1) show_all();
     }
     display_.finish();
     write_summary(outcomes_, request_.out);
@@ -373,7 +392,7 @@ class PairList {
       one.fraction = now.state() == v1::JOB_STATE_SUCCEEDED ? 1 : std::max(one.fraction, now.progress().fraction());
       one.seconds_left = now.state() == v1::JOB_STATE_RUNNING ? now.progress().seconds_left() : -1;
     }
-    if (request_.jobs == 1) {
+    if (jobs_ == 1) {
       display_.lead(list_progress(progress_) + "; " + pair.name + ": ");
       display_.show(now);
     } else {
@@ -389,6 +408,7 @@ class PairList {
 
   const std::vector<Pair>& pairs_;
   const PairsRequest& request_;
+  const int jobs_;
   std::vector<Outcome>& outcomes_;
   Registrar registrar_;
 
@@ -428,7 +448,8 @@ int register_pairs(const std::vector<Pair>& pairs, const PairsRequest& request) 
   if (done_before > 0) std::cerr << done_before << " of " << pairs.size() << " pairs are done already" << std::endl;
   if (done_before < pairs.size()) {
     try {
-      if (PairList(pairs, request, outcomes).run() == Cancelled) {
+      const int jobs = jobs_at_once(pairs, request, pairs.size() - done_before);
+      if (PairList(pairs, request, jobs, outcomes).run() == Cancelled) {
         write_summary(outcomes, request.out);
         return Cancelled;
       }

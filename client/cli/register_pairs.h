@@ -38,7 +38,7 @@ struct PairsRequest {
   std::string pairs;
   std::filesystem::path out;
   bool as_json = false;
-  int jobs = 1;  ///< at the same time
+  int jobs = 0;  ///< at the same time; 0: as many as there are cores, on a server as many as it has slots
   PairsOutput output = PairsOutput::Summary;
 };
 

@@ -2,7 +2,6 @@
 
 #include "client/cli/study/liver_study.h"
 #include "client/cli/study/paper_study.h"
-#include "core/support/available_cores.h"
 
 #include <CLI/CLI.hpp>
 
@@ -29,7 +28,6 @@ void add_common_options(CLI::App& command, StudyOptions& options, const std::str
       ->type_name("N")
       ->check(CLI::NonNegativeNumber)
       ->capture_default_str();
-  options.request.jobs = available_cores();
   add_jobs_option(command, options.request.jobs);
   command.add_option("--server", options.request.server.address, "Address of saltusd; without it a private one")
       ->type_name("ADDRESS");

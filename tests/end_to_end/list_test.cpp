@@ -1,7 +1,10 @@
 // Lists of pairs, with the programs as a user has them.
+#include "core/support/available_cores.h"
 #include "tests/end_to_end/end_to_end.h"
 
+#include <algorithm>
 #include <csignal>
+#include <iterator>
 
 namespace saltus {
 namespace {
@@ -13,6 +16,7 @@ using testing_support::ChildProcess;
 using testing_support::content_of;
 using testing_support::EndToEnd;
 using testing_support::Outcome;
+using testing_support::programs;
 
 class ListOfPairs : public EndToEnd {
  protected:
@@ -30,7 +34,9 @@ class ListOfPairs : public EndToEnd {
 };
 
 TEST_F(ListOfPairs, IsRegisteredOneAfterTheOtherAndNotTwice) {
-  const Outcome first = run(list());
+  auto one_by_one = list();
+  one_by_one.insert(one_by_one.end(), {"--jobs", "1"});
+  const Outcome first = run(one_by_one);
   ASSERT_EQ(first.exit_code, 0) << first.err;
   EXPECT_THAT(first.err, HasSubstr("pair 2 of 2"));
   EXPECT_THAT(first.out, HasSubstr("2 of 2 pairs done"));
@@ -55,7 +61,9 @@ TEST_F(ListOfPairs, IsRegisteredOneAfterTheOtherAndNotTwice) {
 }
 
 TEST_F(ListOfPairs, GoesOnAfterAnInterruption) {
-  ChildProcess child = start(list(of_some_seconds()));
+  auto one_by_one = list(of_some_seconds());
+  one_by_one.insert(one_by_one.end(), {"--jobs", "1"});
+  ChildProcess child = start(one_by_one);
   child.wait_for_output("pair 2 of 2");
   child.signal(SIGINT);
   EXPECT_EQ(child.wait(), 4) << child.err();
@@ -103,6 +111,41 @@ TEST_F(ListOfPairs, RunsSideBySideAgainstOneDaemon) {
   const Outcome again = run(list());
   EXPECT_EQ(again.exit_code, 0) << again.err;
   EXPECT_THAT(again.err, HasSubstr("3 of 3 pairs are done already"));
+}
+
+/// What a list tells that has so many pairs at once.
+std::string told_by_two_pairs(int at_once) { return at_once > 1 ? "0 of 2 pairs done" : "pair 1 of 2"; }
+
+TEST_F(ListOfPairs, HasAPairForEachCoreUnlessItIsTold) {
+  const Outcome outcome = run(list());
+  EXPECT_EQ(outcome.exit_code, 0) << outcome.err;
+  EXPECT_THAT(outcome.err, HasSubstr(told_by_two_pairs(available_cores())));
+  std::filesystem::remove_all(folder / "out");
+  // As many as their threads leave cores for.
+  auto command = list();
+  *std::next(std::find(command.begin(), command.end(), "--threads")) = std::to_string(available_cores());
+  const Outcome wide = run(command);
+  EXPECT_EQ(wide.exit_code, 0) << wide.err;
+  EXPECT_THAT(wide.err, HasSubstr(told_by_two_pairs(1)));
+}
+
+TEST_F(ListOfPairs, HasAPairForEachSlotOfAServer) {
+  for (int slots : {1, 2}) {
+    SCOPED_TRACE(slots);
+    const std::string address = "unix:" + (folder / "socket").string();
+    ChildProcess daemon(
+        {programs + "/saltusd", "--data", folder / "data", "--listen", address, "--slots", std::to_string(slots)},
+        environment());
+    daemon.wait_for_output("listening on");
+    auto command = list();
+    command.insert(command.end(), {"--server", address});
+    const Outcome outcome = run(command);
+    EXPECT_EQ(outcome.exit_code, 0) << outcome.err;
+    EXPECT_THAT(outcome.err, HasSubstr(told_by_two_pairs(slots)));
+    std::filesystem::remove_all(folder / "out");
+    daemon.signal(SIGTERM);
+    EXPECT_EQ(daemon.wait(), 0) << daemon.err();
+  }
 }
 
 TEST_F(ListOfPairs, SideBySideGoesOnAfterAnInterruption) {

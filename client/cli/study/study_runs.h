@@ -19,7 +19,7 @@ struct StudyRequest {
   bool is_quick = false;                     ///< small scenes and little work: to see that all is well
   std::vector<std::string> models, presets;  ///< of the liver study
   int threads = 1;                           ///< of a run: CPU seconds of several threads are not comparable
-  int jobs = 1;                              ///< runs at the same time
+  int jobs = 0;                              ///< runs at the same time, as in PairsRequest
   ServerChoice server;
 };
 
