@@ -19,7 +19,7 @@ namespace saltus {
 ///
 /// Kernels do not turn: with the norm of one kernel K_n, elements move along its geodesics and H = 1/2 (rho | K_n rho)
 /// is conserved, as far as the lattice resolves the momentum; a sheet as thin as a cell it does not, whose H is
-/// infinite in the limit (core/README.md has figures). With several kernels, or one that turns, each momentum goes its
+/// infinite in the limit (core/measurements.md). With several kernels, or one that turns, each momentum goes its
 /// own way through a velocity that all share, and nothing of this kind is conserved: with v_n = K_n rho_n and the
 /// bracket [v, w] = Dv w - Dw v, H changes at the rate of sum over n < m of (rho_n - rho_m | [v_n, v_m]).
 template <int Dim, class T>

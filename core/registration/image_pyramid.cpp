@@ -198,7 +198,7 @@ double ImagePyramid<Dim>::similarity_weight(int level) const {
 template <int Dim>
 double ImagePyramid<Dim>::divergence_weight(int level) const {
   // The divergence penalty gives way half as fast as the similarity does: measured, on scenes that slide and on one
-  // that does not (core/README.md).
+  // that does not (core/measurements.md, "Noise").
   return options_.flow.divergence_weight * std::sqrt(share_beside_noise(level));
 }
 

@@ -78,7 +78,7 @@ RegistrationOptions default_options(Model model, SimilarityType similarity, Pres
       break;
   }
   const bool is_sliding = model == Model::Sliding || model == Model::Auto;
-  // A Gaussian six samples wide needs every second one only (core/README.md, "Lattices").
+  // A Gaussian six samples wide needs every second one only (core/measurements.md, "Lattices").
   if (is_zeroth_gaussian(model)) o.flow.coarsening = 1;
   // The energy density is a squared intensity difference for ssd and about 1 for lncc. With d of the fixed image's
   // range for standard deviation, 1 - c of ncc is about ssd / (2 d^2): ten times ssd.
@@ -137,7 +137,7 @@ RegistrationOptions default_options(Model model, SimilarityType similarity, Pres
       break;
   }
   // One step of the momenta loses nothing; with one step of the map as well, strongly compressed places fold
-  // (core/README.md, "Time steps").
+  // (core/measurements.md, "Time steps").
   o.flow.time_steps = preset == Preset::Accurate ? 2 : 1;
   if (similarity == SimilarityType::Ssd)  // auto: a level tells the next one how many its motion needs
     o.flow.map_steps = preset == Preset::Balanced && model != Model::Auto ? 3 : 2;
@@ -151,7 +151,7 @@ RegistrationOptions default_options(Model model, SimilarityType similarity, Pres
   if (similarity == SimilarityType::Ssd && o.momenta.first_order_scales > 0)
     o.optimisation.round_tolerance = model == Model::Auto ? 0.07 : 0.1;
   if (similarity != SimilarityType::Ssd) {
-    // A short run loses nothing on the liver images (core/README.md, "Stopping").
+    // A short run loses nothing on the liver images (core/measurements.md, "Stopping").
     o.optimisation.tolerance = preset == Preset::Fast ? 5e-2 : preset == Preset::Balanced ? 2.5e-2 : 5e-3;
     o.momenta.first_order_waits = is_sliding;
     if (is_sliding && similarity == SimilarityType::Lncc) o.optimisation.noise_tolerance = 0.1;
@@ -165,7 +165,7 @@ RegistrationOptions default_options(Model model, SimilarityType similarity, Pres
     }
   }
   if (model == Model::Auto) {
-    // What is oblique has momenta of its own (core/README.md, "Sparsity").
+    // What is oblique has momenta of its own (core/measurements.md, "Sparsity").
     if (similarity == SimilarityType::Ncc && preset != Preset::Fast) o.momenta.sparsity *= 2;
     if (similarity == SimilarityType::Lncc) o.momenta.sparsity = o.momenta.narrow_width_shear = -1;
     if (is_correlation && preset == Preset::Balanced) {
@@ -177,7 +177,7 @@ RegistrationOptions default_options(Model model, SimilarityType similarity, Pres
     // Of ncc and mi, which are statistics of all that is compared, it would change the weight.
     if (similarity != SimilarityType::Ncc && similarity != SimilarityType::Mi) o.pyramid.region_margin = 4;
     o.flow.map_tolerance = preset == Preset::Fast ? 1 : preset == Preset::Balanced ? 0.4 : 0.2;
-    // What first orders that are left out would have gone on to fit; order 0 alone is cheap (core/README.md,
+    // What first orders that are left out would have gone on to fit; order 0 alone is cheap (core/measurements.md,
     // "Stopping").
     if (similarity == SimilarityType::Lncc) o.optimisation.look_tolerance = 0.015;
     if (similarity == SimilarityType::Ssd || similarity == SimilarityType::Ncc || similarity == SimilarityType::Ngf)

@@ -47,7 +47,7 @@ struct RegistrationOptions {
                                              ///< width_voxels, and where that is 0 what it stands for
     /// While order 0 is alone, its finest scale counts all widths of kernel_widths but the widest a fifth if the
     /// velocity of the next coarser level is simple shear to less than this (simple_shear.h): they are for what is
-    /// sharp; 0: never; -1: what was measured, 0 where kernel_widths or width_voxels is given (core/README.md,
+    /// sharp; 0: never; -1: what was measured, 0 where kernel_widths or width_voxels is given (core/measurements.md,
     /// "Widths").
     double narrow_width_shear = 0;
     std::vector<KernelWidth> first_order_kernel_widths;  ///< of the scales of order 1 alone; empty: width_voxels
@@ -57,9 +57,9 @@ struct RegistrationOptions {
                             ///< where accurate takes voxels of up to 1.5 mm; at least 1 as well for Wendland1 in 3-D;
                             ///< -2: the next coarser
     double regularisation = 0.01;  ///< weight of 1/2 ||v_0||^2, per mm^2; 0: by similarity, and with ssd
-                                   ///< less in 3-D, as measured (core/README.md, "Regularisation")
+                                   ///< less in 3-D, as measured (core/measurements.md, "Regularisation")
     /// That, once first orders take part; 0: no other, but ten times as much for auto with lncc where the preset is
-    /// not fast, as measured (core/README.md, "Regularisation").
+    /// not fast, as measured (core/measurements.md, "Regularisation").
     double regularisation_beside_first = 0;
     int first_order_scales = 0;         ///< number of order-1 scales; 0 leaves order 1 out
     int first_order_finest_scale = -1;  ///< that of order 1; -1: the finest level's, for Wendland1 in 3-D at least 1
@@ -79,7 +79,7 @@ struct RegistrationOptions {
     bool debias = false;            ///< a last round without sparsity on the momenta found
     std::vector<double> direction;  ///< of the derivative of model directional: a unit vector, world (LPS)
     /// On each level order 1 takes part only if the velocity of order 0, settled alone, is simple shear to so much
-    /// (simple_shear.h); 0: always; -1: what was measured (core/README.md, "Only where it slides").
+    /// (simple_shear.h); 0: always; -1: what was measured (core/measurements.md, "Only where it slides").
     double first_order_shear = 0;
     int orientations = 0;          ///< normals that oriented momenta are turned from; 0: there are none of these; -1:
                                    ///< 8 in 2-D and 9 in 3-D, none where there can be none
@@ -91,7 +91,7 @@ struct RegistrationOptions {
     double oriented_sparsity = 0;  ///< lambda of oriented momenta, as a share of `sparsity`; 0: by similarity and
                                    ///< dimension, as measured
     /// Width of the kernel of oriented momenta along their normal, as a share of the first orders'; 0: by similarity,
-    /// dimension and contrast, as measured (core/README.md, "Slip at any orientation").
+    /// dimension and contrast, as measured (core/measurements.md, "Slip at any orientation").
     double oriented_width = 0;
     bool first_order_waits = false;  ///< on each level order 0 settles before first-order momenta appear
     /// So many blocks of a scale's first-order fields are active at most, where they are sparse, as a share of those
@@ -113,7 +113,7 @@ struct RegistrationOptions {
     int coarsening = 0;  ///< order 0 (beside which no order 1 shares its scale), and the flow as long as it is
                          ///< alone, are sampled 2^n times coarser than the images of the level
     double divergence_weight = 0;  ///< of 1/2 integral |div v|^2 over space and time: holds back opening and overlap;
-                                   ///< -1: by similarity and dimension, as measured (core/README.md, "Divergence")
+                                   ///< -1: by similarity and dimension (core/measurements.md, "Divergence")
   } flow;
 
   SimilarityOptions similarity_parameters;
@@ -132,7 +132,7 @@ struct RegistrationOptions {
     /// noise alone makes of it; 0: does not.
     double noise_tolerance = 0;
     /// Pairs kept by L-BFGS; 0: 4 in 3-D (`Wendland1` 2), and in 2-D 6, of `sliding` and `auto` with ssd 20, as
-    /// measured (core/README.md, "Pairs of L-BFGS").
+    /// measured (core/measurements.md, "Pairs of L-BFGS").
     int history = 0;
   } optimisation;
 

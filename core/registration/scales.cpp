@@ -13,7 +13,7 @@ namespace saltus {
 namespace {
 
 /// How much the narrower width of order 0 counts beside the wider one without noise, and the noise at which it counts
-/// half of that; measured, core/README.md, "Widths".
+/// half of that; measured, core/measurements.md, "Widths".
 struct FineWidth {
   double weight, half_at;
 };
@@ -33,27 +33,27 @@ double in_few_digits(double value) {
 /// Voxels that 3-D images are taken at every second of.
 bool is_fine(double reference_mm) { return 2 * reference_mm <= 3; }
 
-/// What the velocity of order 0 has at least where something slides, see simple_shear; measured, core/README.md, "Only
+/// What the velocity of order 0 has at least where something slides, see simple_shear; core/measurements.md, "Only
 /// where it slides". With lncc first orders are dear in 3-D images and bring little where much else than shear is seen.
 double least_shear(int dimension, SimilarityType similarity) {
   if (dimension == 2) return 6;
   return similarity == SimilarityType::Lncc ? 10.6 : 5.5;
 }
 
-/// What a velocity has at least where order 0 needs narrow widths, see simple_shear; measured, core/README.md,
+/// What a velocity has at least where order 0 needs narrow widths, see simple_shear; measured, core/measurements.md,
 /// "Widths". In 3-D 4.5 is that of chance which keeps volumes.
 double sharp_shear(int dimension, SimilarityType similarity) {
   return dimension == 3 && similarity == SimilarityType::Lncc ? 4.5 : 0;
 }
 
-/// With auto, whose momenta of oblique interfaces are oriented, for those along the axes; measured, core/README.md,
+/// With auto, whose momenta of oblique interfaces are oriented, for those along the axes; core/measurements.md,
 /// "Sparsity". A window of lncc holds fewer samples in 2-D, and more noise.
 double lncc_sparsity(int dimension, Preset preset) {
   if (preset == Preset::Fast) return 0.2;
   return dimension == 2 ? 0.1 : 0.025;
 }
 
-/// Pairs that L-BFGS keeps; measured, core/README.md, "Pairs of L-BFGS".
+/// Pairs that L-BFGS keeps; measured, core/measurements.md, "Pairs of L-BFGS".
 int usual_history(int dimension, Model model, SimilarityType similarity) {
   // Where every site has first orders a pair takes more than a third of what images and map do; two are as good.
   if (dimension == 3) return model == Model::Wendland1 ? 2 : 4;
@@ -63,7 +63,7 @@ int usual_history(int dimension, Model model, SimilarityType similarity) {
 
 /// Elements of a kernel that is narrow along the normal leave nothing beside an interface that order 0 would have to
 /// take back, and cost less, and such elements do along the axes as well. Measured with `balanced` where 3-D images end
-/// at half of their resolution, core/README.md, "Slip at any orientation".
+/// at half of their resolution, core/measurements.md, "Slip at any orientation".
 bool are_elements_narrow(int dimension, SimilarityType similarity) {
   return dimension == 3 && (similarity == SimilarityType::Ncc || similarity == SimilarityType::Lncc);
 }
@@ -71,11 +71,11 @@ constexpr double kNarrowElement = 0.5;  // of the first orders' width
 constexpr double kLeastElement = 0.35;
 
 /// Both orders at all sites of an image of full resolution take 800 bytes a voxel. At every second one they take a
-/// third to a half of that and of the time; errors are less but beside large jumps (core/README.md, "Memory").
+/// third to a half of that and of the time; errors are less but beside large jumps (core/measurements.md, "Memory").
 bool are_momenta_coarse(int dimension, Model model) { return dimension == 3 && model == Model::Wendland1; }
 
 /// With lncc, beside first orders that were let in: what is sharp is theirs, and order 0 draws it out no more
-/// (core/README.md, "Regularisation").
+/// (core/measurements.md, "Regularisation").
 constexpr double kStifferBesideFirst = 10;
 
 }  // namespace
@@ -152,7 +152,7 @@ RegistrationOptions resolved(const RegistrationOptions& options, const Lattice<D
     o.momenta.narrow_width_shear = is_measured ? sharp_shear(Dim, o.similarity) : 0;
   }
   if (o.momenta.orientations < 0) {
-    // With the other evolutions they are worth little (core/README.md, "Slip at any orientation").
+    // With the other evolutions they are worth little (core/measurements.md, "Slip at any orientation").
     const bool can = o.momenta.first_order_scales > 0 && o.model != Model::Directional && o.momenta.sparsity > 0 &&
                      o.flow.evolution == Evolution::Carried;
     o.momenta.orientations = can ? (Dim == 2 ? 8 : 9) : 0;
@@ -163,7 +163,7 @@ RegistrationOptions resolved(const RegistrationOptions& options, const Lattice<D
   if (o.momenta.oriented_alone < 0 && is_narrow) o.momenta.oriented_alone = o.momenta.first_order_waits ? 2 : 1;
   if (o.momenta.oriented_sparsity == 0) o.momenta.oriented_sparsity = is_narrow ? 0.5 : 0.4;
   if (o.momenta.oriented_width == 0 && is_narrow) o.momenta.oriented_width = kNarrowElement;
-  // No more was wanted at full resolution in the 3-D images that this was measured on (core/README.md, "Memory").
+  // No more was wanted at full resolution in the 3-D images that this was measured on (core/measurements.md, "Memory").
   if (o.momenta.most_active_share == 0) o.momenta.most_active_share = o.model == Model::Auto && Dim == 3 ? 0.75 : 1;
   if (o.momenta.width_voxels == 0) {
     o.momenta.width_voxels = 6;

@@ -17,7 +17,7 @@ struct PlacedScale {
 };
 
 /// Of oriented elements in their plane, in sites: half a width in 3-D, where without it there would be nine times as
-/// many; measured, core/README.md, "Slip at any orientation".
+/// many; measured, core/measurements.md, "Slip at any orientation".
 template <int Dim>
 inline constexpr int kElementSpacing = Dim == 3 ? 3 : 1;
 

@@ -22,7 +22,7 @@ struct CellWindow {
   int cell = 1;                                               ///< samples of a cell: 1 or 2
   int radius = 1;                                             ///< cells
   double rim() const { return cell == 2 ? kRimOfPairs : 1; }  ///< how much the outermost cells count
-  /// Measured beside windows of 2 r + 1 samples around each, core/README.md, "Windows of lncc".
+  /// Measured beside windows of 2 r + 1 samples around each, core/measurements.md, "Windows of lncc".
   static constexpr double kRimOfPairs = 0.25;
 };
 

@@ -5,7 +5,7 @@ namespace saltus {
 
 double lncc_radius_voxels(const SimilarityOptions& parameters, int dimension) {
   if (parameters.lncc_radius_voxels > 0) return parameters.lncc_radius_voxels;
-  return dimension == 2 ? 4 : 2;  // measured, core/README.md, "Windows of lncc"
+  return dimension == 2 ? 4 : 2;  // measured, core/measurements.md, "Windows of lncc"
 }
 
 int lncc_cell(const SimilarityOptions& parameters, int dimension) {

@@ -115,7 +115,7 @@ TEST(AutoChoices, RefusesASimpleShearBelowNoneAtAll) {
   EXPECT_TRUE(problems(resolved(options, Lattice<2>{{64, 64}, {1, 1}, {}})).empty());
 }
 
-// Order 0 alone is cheap where first orders are asked for first; nobody else goes on for longer (core/README.md,
+// Order 0 alone is cheap where first orders are asked for first; nobody else goes on for longer (core/measurements.md,
 // "Stopping").
 TEST(AutoChoices, SettlesOrderZeroForLonger) {
   const auto look_tolerance = [](Model model, SimilarityType similarity) {

@@ -18,8 +18,8 @@ RegistrationOptions automatic(SimilarityType similarity, Preset preset = Preset:
   return default_options(Model::Auto, similarity, preset);
 }
 
-// core/README.md, "Widths": a Gaussian of six pixels holds far fewer samples than one of six voxels. Only `ssd`, which
-// has no window, gains by it.
+// core/measurements.md, "Widths": a Gaussian of six pixels holds far fewer samples than of six voxels. Only `ssd`,
+// which has no window, gains by it.
 TEST(ResolvedOptions, BeginAGaussianAtTwoPixelsInPlanes) {
   EXPECT_EQ(resolved(automatic(SimilarityType::Lncc), plane(1)).momenta.finest_scale, 1);
   EXPECT_EQ(resolved(automatic(SimilarityType::Ncc), plane(1)).momenta.finest_scale, 1);
@@ -34,7 +34,7 @@ TEST(ResolvedOptions, BeginAGaussianAtTwoPixelsInPlanes) {
             0);
 }
 
-// core/README.md, "Memory".
+// core/measurements.md, "Memory".
 TEST(ResolvedOptions, HaveNoFirstOrdersAtAllVoxelsOfAVolume) {
   const auto finest = [](RegistrationOptions options, double mm) {
     const RegistrationOptions::Momenta of = resolved(options, block(mm)).momenta;
@@ -123,7 +123,7 @@ TEST(ResolvedOptions, GiveLnccWiderWindowsInThePlane) {
   EXPECT_EQ(resolved(asked, plane(1)).similarity_parameters.lncc_radius_voxels, 3);
 }
 
-// core/README.md, "Regularisation".
+// core/measurements.md, "Regularisation".
 TEST(ResolvedOptions, HoldOrderZeroMoreBesideFirstOrdersThatWereLetIn) {
   RegistrationOptions asked = automatic(SimilarityType::Lncc);
   asked.momenta.regularisation = 3e-4;
@@ -144,7 +144,7 @@ TEST(ResolvedOptions, BoundWhatAutoMayHaveActiveInSpace) {
   EXPECT_EQ(resolved(sliding, block(1)).momenta.most_active_share, 1);
 }
 
-// core/README.md, "Regularisation": only with ssd is another weight better in space than in a plane.
+// core/measurements.md, "Regularisation": only with ssd is another weight better in space than in a plane.
 TEST(ResolvedOptions, RegulariseLessInSpaceWithSsd) {
   const auto in_plane = [](const RegistrationOptions& o) { return resolved(o, plane(1)).momenta.regularisation; };
   const auto in_space = [](const RegistrationOptions& o) { return resolved(o, block(1)).momenta.regularisation; };

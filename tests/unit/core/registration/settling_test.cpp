@@ -1,4 +1,4 @@
-// When the rounds of a level settle. Oracle: the energies of each round and the rule in core/README.md, "Stopping".
+// When the rounds of a level settle. Oracle: the energies of each round, the rule in core/measurements.md, "Stopping".
 #include <gtest/gtest.h>
 
 #include <algorithm>

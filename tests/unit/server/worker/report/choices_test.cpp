@@ -36,7 +36,7 @@ using Lines = std::vector<std::string>;
 
 TEST(Choices, TellTheWidthsThatAreInUse) {
   const std::string from_noise = " (from the model, the similarity and the noise on the finest level)";
-  // 2 / (1 + (0.015 / 0.008)^2) at this noise, core/README.md, "Widths"; order 1, which has scales of its own, keeps
+  // 2 / (1 + (0.015 / 0.008)^2) with this noise, core/measurements.md, "Widths"; order 1, with scales of its own, keeps
   // one.
   EXPECT_EQ(said_of("kernel_widths", Model::Auto, SimilarityType::Lncc), Lines{"9:1,4:0.443" + from_noise});
   EXPECT_EQ(said_of("width_voxels", Model::Auto, SimilarityType::Lncc),
