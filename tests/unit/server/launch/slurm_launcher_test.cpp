@@ -1,7 +1,6 @@
 // The launcher against a Slurm that the test plays: a queue in memory behind sbatch, squeue and scancel.
 #include "server/launch/slurm_launcher.h"
 
-#include "server/launch/worker_environment.h"
 #include "tests/support/server_fakes.h"
 #include "tests/support/temporary_folder.h"
 
@@ -626,95 +625,6 @@ TEST_F(SlurmLauncherTest, ItsNameInSlurmIsMadeOnce) {
   EXPECT_EQ(tag_of(file, "ffffffff"), "0123abcd");
   folder.write("slurm.tag", "no tag;");
   EXPECT_THROW(tag_of(file, "ffffffff"), std::runtime_error);
-}
-
-/// What a shell makes of the script.
-class BatchScriptTest : public SlurmLauncherTest {
- protected:
-  /// The words that the worker gets, one a line, and its standard input.
-  std::string words_seen(const BatchRequest& request) {
-    return output_of(request, "#!/bin/sh\nfor word; do echo \"<$word>\"; done\ncat\n");
-  }
-  std::string output_of(const BatchRequest& request, const std::string& worker_script) {
-    const auto worker = folder.write("a 'worker'; $(false)", worker_script);
-    std::filesystem::permissions(worker, std::filesystem::perms::owner_all);
-    settings.batch.worker = worker.string();
-    const Command command = submission(settings.batch, request);
-    return run_command({{"/bin/sh"}, command.input}, 60s).output;
-  }
-};
-
-TEST_F(BatchScriptTest, NoWordIsReadAsACommand) {
-  const std::string evil = "a b'; touch " + (folder / "evil").string() + "; echo '$(touch evil)`touch evil`\\\n&|*";
-  settings.batch.server_address = evil;
-  settings.batch.tls = {evil, evil, evil};
-  settings.batch.shared_data = evil;
-  BatchRequest request;
-  request.worker_arguments = {evil, ""};
-  request.input = "token; touch evil $(touch evil) 'x";
-  const std::string quoted = "<" + evil + ">\n";
-  EXPECT_EQ(words_seen(request), "<--server>\n" + quoted + "<--tls-ca>\n" + quoted + "<--tls-cert>\n" + quoted +
-                                     "<--tls-key>\n" + quoted + "<--blobs>\n<" + evil + "/blobs/sha256>\n" + quoted +
-                                     "<>\n" + request.input + "\n");
-  EXPECT_FALSE(std::filesystem::exists(folder / "evil"));
-  request.input = "END_OF_INPUT\ntouch evil";
-  EXPECT_THROW(submission(settings.batch, request), std::logic_error);
-}
-
-TEST_F(BatchScriptTest, TheWorkerHasItsVariables) {
-  BatchRequest request;
-  request.threads = 3;
-  const std::string environment = output_of(request, "#!/bin/sh\nenv\n");
-  for (const std::string& variable :
-       {std::string("OMP_NUM_THREADS=3"), std::string("OMP_WAIT_POLICY=PASSIVE"), std::string("OMP_PROC_BIND=false"),
-        std::string("GOMP_SPINCOUNT=") + kBriefWait, std::string("GLIBC_TUNABLES=") + kLargePages})
-    EXPECT_THAT(environment, HasSubstr(variable + "\n"));
-}
-
-TEST(RunCommand, GivesInputAndTakesOutputAndErrors) {
-  const auto result = run_command({{"sh", "-c", "cat; echo bad >&2; exit 3"}, std::string(1 << 20, 'x')}, 60s);
-  EXPECT_EQ(result.end, CommandResult::End::Exited);
-  EXPECT_EQ(result.code, 3);
-  EXPECT_EQ(result.output, std::string(1 << 20, 'x'));
-  EXPECT_EQ(describe(result), "bad");
-}
-
-TEST(RunCommand, OneThatDoesNotReadItsInputIsNoError) {
-  EXPECT_TRUE(run_command({{"true"}, std::string(1 << 22, 'x')}, 60s).is_good());
-}
-
-TEST(RunCommand, OneThatTakesTooLongGoesWithAllThatItHasStarted) {
-  const auto result = run_command({{"sh", "-c", "sleep 1000 & echo $!; wait"}, ""}, 200ms);
-  EXPECT_EQ(result.end, CommandResult::End::TimedOut);
-  const int child = std::stoi(result.output);
-  // Killed, and at most waiting to be reaped by whoever inherits it.
-  std::string state;
-  for (int i = 0; i < 100000; ++i) {
-    std::istringstream stat(content_of("/proc/" + std::to_string(child) + "/stat"));
-    std::string skipped;
-    state.clear();
-    stat >> skipped >> skipped >> state;
-    if (state.empty() || state == "Z" || state == "X") break;
-  }
-  EXPECT_TRUE(state.empty() || state == "Z" || state == "X") << state;
-}
-
-TEST(RunCommand, OneThatLeavesSomebodyWithItsOutputHasEnded) {
-  const auto result = run_command({{"sh", "-c", "sleep 1000 & echo done"}, ""}, 60s);
-  EXPECT_TRUE(result.is_good());
-  EXPECT_EQ(result.output, "done\n");
-}
-
-TEST(RunCommand, IsStoppedWithItsDaemon) {
-  std::stop_source stop;
-  stop.request_stop();
-  EXPECT_EQ(run_command({{"sleep", "1000"}, ""}, 60s, stop.get_token()).end, CommandResult::End::Stopped);
-}
-
-TEST(RunCommand, AProgramThatIsNotThereIsToldSo) {
-  const auto result = run_command({{"no-such-program-anywhere"}, ""}, 60s);
-  EXPECT_EQ(result.end, CommandResult::End::NotStarted);
-  EXPECT_THAT(describe(result), HasSubstr("No such file"));
 }
 
 }  // namespace
