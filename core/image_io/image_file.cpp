@@ -4,6 +4,7 @@
 #include <itkNiftiImageIO.h>
 #include <itkNrrdImageIO.h>
 #include <itkPNGImageIO.h>
+#include <nifti1_io.h>
 
 #include <algorithm>
 #include <cstdint>
@@ -15,6 +16,7 @@
 #include <string>
 
 #include "core/image_io/itk_lock.h"
+#include "core/image_io/lone_name.h"
 #include "core/image_io/meta_header.h"
 #include "core/image_io/nifti_header.h"
 #include "core/image_io/nrrd_header.h"
@@ -61,8 +63,22 @@ std::string reason(const itk::ExceptionObject& error, const std::filesystem::pat
   return line;
 }
 
+/// From what is stored to what it means.
+struct Scaling {
+  double slope = 1;
+  double intercept = 0;
+
+  bool is_none() const { return slope == 1 && intercept == 0; }
+  template <typename Sample>
+  float operator()(Sample stored) const {
+    return static_cast<float>(slope * static_cast<double>(stored) + intercept);
+  }
+};
+
 struct OpenedImage {
-  itk::ImageIOBase::Pointer io;
+  std::unique_ptr<LoneName> name;  ///< of a NIfTI file
+  itk::ImageIOBase::Pointer io;    ///< its component type is the stored one
+  Scaling scaling;
   ImageFileHeader header;
   std::size_t voxels = 0;
   std::uintmax_t data_offset = 0;  ///< where the voxels begin, in the decompressed .nii.gz; 0 in a PNG
@@ -77,6 +93,37 @@ std::string dimension_text(const itk::ImageIOBase& io) {
     text += std::to_string(io.GetDimensions(axis));
   }
   return text;
+}
+
+/// Has ITK pass on what is stored. It scales no more than the first of several components, and writes past the end of
+/// its memory when it makes floats of integers that are several components.
+void take_stored_voxels(itk::NiftiImageIO& io, int datatype) {
+  using Type = itk::IOComponentEnum;
+  io.SetRescaleSlope(1);
+  io.SetRescaleIntercept(0);
+  // It has announced floats for the integers that it would have scaled.
+  switch (datatype) {
+    case NIFTI_TYPE_INT8:
+      return io.SetComponentType(Type::CHAR);
+    case NIFTI_TYPE_UINT8:
+    case NIFTI_TYPE_RGB24:
+    case NIFTI_TYPE_RGBA32:
+      return io.SetComponentType(Type::UCHAR);
+    case NIFTI_TYPE_INT16:
+      return io.SetComponentType(Type::SHORT);
+    case NIFTI_TYPE_UINT16:
+      return io.SetComponentType(Type::USHORT);
+    case NIFTI_TYPE_INT32:
+      return io.SetComponentType(Type::INT);
+    case NIFTI_TYPE_UINT32:
+      return io.SetComponentType(Type::UINT);
+    case NIFTI_TYPE_INT64:
+      return io.SetComponentType(Type::LONGLONG);
+    case NIFTI_TYPE_UINT64:
+      return io.SetComponentType(Type::ULONGLONG);
+    default:
+      return;
+  }
 }
 
 /// Reads the header and refuses what must not reach the voxels.
@@ -102,20 +149,23 @@ OpenedImage open_image(const std::filesystem::path& path) {
     is_raw = !image.meta.is_compressed && !image.meta.is_text;
   }
   if (format == ImageFormat::Png) check_png_chunks(path);
-  int nifti_dimension = 0;
-  if (format == ImageFormat::Nifti || format == ImageFormat::CompressedNifti) {
-    const NiftiHeader nifti = read_nifti_header(path);
-    nifti_dimension = nifti.dimension;
+  NiftiHeader nifti;
+  const bool is_nifti = format == ImageFormat::Nifti || format == ImageFormat::CompressedNifti;
+  if (is_nifti) {
+    nifti = read_nifti_header(path);
+    image.name = std::make_unique<LoneName>(path);
     image.data_offset = nifti.data_offset;
+    image.scaling = {nifti.slope, nifti.intercept};
   }
 
   image.io = make_image_io(format);
   if (!image.io->CanReadFile(path.c_str())) refuse(path, "its content is not what its name promises");
-  image.io->SetFileName(path.string());
+  image.io->SetFileName((is_nifti ? image.name->path() : path).string());
   image.io->ReadImageInformation();
+  if (is_nifti) take_stored_voxels(static_cast<itk::NiftiImageIO&>(*image.io), nifti.datatype);
   const int io_dimension = image.io->GetNumberOfDimensions();
   ImageFileHeader& header = image.header;
-  header.dimension = nifti_dimension > 0 ? nifti_dimension : io_dimension;
+  header.dimension = is_nifti ? nifti.dimension : io_dimension;
   for (int axis = io_dimension - 1; axis >= 3 && image.io->GetDimensions(axis) == 1; --axis)
     header.dimension = std::min(header.dimension, axis);
   if (header.dimension < 2 || header.dimension > 3)
@@ -136,6 +186,11 @@ OpenedImage open_image(const std::filesystem::path& path) {
     for (int row = 0; row < std::min(header.dimension, io_dimension); ++row)
       header.direction[axis][row] = direction[row];
   }
+  // ITK reads every axis that it has found, into memory for those that we count.
+  for (int axis = header.dimension; axis < io_dimension; ++axis)
+    if (image.io->GetDimensions(axis) != 1)
+      refuse(path, "its size " + dimension_text(*image.io) + " has more than " + std::to_string(header.dimension) +
+                       " axes; use a 2-D or 3-D image");
   // ITK drops the third axis of a NIfTI file of one slice.
   if (io_dimension < header.dimension) {
     const NiftiPlacement placement = read_nifti_placement(path);
@@ -164,47 +219,6 @@ OpenedImage open_image(const std::filesystem::path& path) {
   return image;
 }
 
-template <typename Sample>
-void read_samples(itk::ImageIOBase& io, std::vector<float>& samples) {
-  std::vector<Sample> raw(samples.size());
-  io.Read(raw.data());
-  std::transform(raw.begin(), raw.end(), samples.begin(), [](Sample sample) { return static_cast<float>(sample); });
-}
-
-void read_any_samples(itk::ImageIOBase& io, std::vector<float>& samples) {
-  using Type = itk::IOComponentEnum;
-  switch (io.GetComponentType()) {
-    case Type::FLOAT:
-      return io.Read(samples.data());
-    case Type::DOUBLE:
-      return read_samples<double>(io, samples);
-    case Type::UCHAR:
-      return read_samples<unsigned char>(io, samples);
-    case Type::CHAR:
-      return read_samples<signed char>(io, samples);
-    case Type::USHORT:
-      return read_samples<unsigned short>(io, samples);
-    case Type::SHORT:
-      return read_samples<short>(io, samples);
-    case Type::UINT:
-      return read_samples<unsigned int>(io, samples);
-    case Type::INT:
-      return read_samples<int>(io, samples);
-    case Type::ULONG:
-      return read_samples<unsigned long>(io, samples);
-    case Type::LONG:
-      return read_samples<long>(io, samples);
-    case Type::ULONGLONG:
-      return read_samples<unsigned long long>(io, samples);
-    case Type::LONGLONG:
-      return read_samples<long long>(io, samples);
-    default:
-      throw FileError("cannot read " + std::filesystem::path(io.GetFileName()).filename().string() +
-                      ": its voxels are of the type " + io.GetComponentTypeAsString(io.GetComponentType()) +
-                      ", which is not supported");
-  }
-}
-
 /// Whole image as ITK's region of interest.
 itk::ImageIORegion whole(const itk::ImageIOBase& io) {
   itk::ImageIORegion region(io.GetNumberOfDimensions());
@@ -213,6 +227,64 @@ itk::ImageIORegion whole(const itk::ImageIOBase& io) {
     region.SetSize(axis, io.GetDimensions(axis));
   }
   return region;
+}
+
+/// Has ITK write all voxels into `stored`, which must be as long as what it writes: it does not look.
+template <typename Sample>
+void read_stored(itk::ImageIOBase& io, std::vector<Sample>& stored) {
+  const auto written = static_cast<std::uintmax_t>(io.GetImageSizeInBytes());
+  if (written != stored.size() * sizeof(Sample))
+    refuse(io.GetFileName(), "its header promises " + std::to_string(written) +
+                                 " bytes of voxels where its size makes " +
+                                 std::to_string(stored.size() * sizeof(Sample)) + "; it is damaged");
+  io.SetIORegion(whole(io));
+  io.Read(stored.data());
+}
+
+template <typename Sample>
+void read_samples(itk::ImageIOBase& io, const Scaling& scaling, std::vector<float>& samples) {
+  std::vector<Sample> stored(samples.size());
+  read_stored(io, stored);
+  if (scaling.is_none())
+    std::transform(stored.begin(), stored.end(), samples.begin(), [](Sample one) { return static_cast<float>(one); });
+  else
+    std::transform(stored.begin(), stored.end(), samples.begin(), scaling);
+}
+
+void read_any_samples(itk::ImageIOBase& io, const Scaling& scaling, std::vector<float>& samples) {
+  using Type = itk::IOComponentEnum;
+  switch (io.GetComponentType()) {
+    case Type::FLOAT:
+      read_stored(io, samples);
+      if (!scaling.is_none()) std::transform(samples.begin(), samples.end(), samples.begin(), scaling);
+      return;
+    case Type::DOUBLE:
+      return read_samples<double>(io, scaling, samples);
+    case Type::UCHAR:
+      return read_samples<unsigned char>(io, scaling, samples);
+    case Type::CHAR:
+      return read_samples<signed char>(io, scaling, samples);
+    case Type::USHORT:
+      return read_samples<unsigned short>(io, scaling, samples);
+    case Type::SHORT:
+      return read_samples<short>(io, scaling, samples);
+    case Type::UINT:
+      return read_samples<unsigned int>(io, scaling, samples);
+    case Type::INT:
+      return read_samples<int>(io, scaling, samples);
+    case Type::ULONG:
+      return read_samples<unsigned long>(io, scaling, samples);
+    case Type::LONG:
+      return read_samples<long>(io, scaling, samples);
+    case Type::ULONGLONG:
+      return read_samples<unsigned long long>(io, scaling, samples);
+    case Type::LONGLONG:
+      return read_samples<long long>(io, scaling, samples);
+    default:
+      throw FileError("cannot read " + std::filesystem::path(io.GetFileName()).filename().string() +
+                      ": its voxels are of the type " + io.GetComponentTypeAsString(io.GetComponentType()) +
+                      ", which is not supported");
+  }
 }
 
 void to_luminance(ImageFile& image) {
@@ -385,8 +457,7 @@ ImageFile read_image_file(const std::filesystem::path& path) {
     if (format_from_suffix(path) == ImageFormat::CompressedNifti)
       check_compressed_payload(path, 0, opened.data_offset + bytes);
     ImageFile image{opened.header, std::vector<float>(opened.voxels * opened.header.components)};
-    opened.io->SetIORegion(whole(*opened.io));
-    read_any_samples(*opened.io, image.samples);
+    read_any_samples(*opened.io, opened.scaling, image.samples);
     if (format_from_suffix(path) == ImageFormat::Png && image.header.components == 3) to_luminance(image);
     return image;
   } catch (const itk::ExceptionObject& error) {

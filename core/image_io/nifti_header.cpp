@@ -13,6 +13,7 @@
 #include <string>
 #include <string_view>
 
+#include "core/image_io/refuse_file.h"
 #include "core/support/errors.h"
 
 namespace saltus {
@@ -36,6 +37,7 @@ class HeaderBytes {
     std::memcpy(&bits, bytes_.data() + offset, sizeof bits);
     return is_swapped_ ? __builtin_bswap16(bits) : bits;
   }
+  int integer_at(std::size_t offset) const { return static_cast<std::int16_t>(short_at(offset)); }
   std::uint32_t word_at(std::size_t offset) const { return swapped(offset); }
   float number_at(std::size_t offset) const { return std::bit_cast<float>(swapped(offset)); }
   bool has_at(std::size_t offset, std::string_view text) const {
@@ -54,13 +56,80 @@ class HeaderBytes {
 };
 
 // Where the fields are.
-constexpr std::size_t kDimensions = kNiftiSizes - 2, kSpacing = 76, kDataOffset = 108, kQformCode = 252,
-                      kSformCode = 254, kQuaternion = 256, kSform = 280, kMagic = 344;
+constexpr std::size_t kDimensions = kNiftiSizes - 2, kIntentCode = 68, kDatatype = 70, kSpacing = 76, kDataOffset = 108,
+                      kSlope = 112, kIntercept = 116, kQformCode = 252, kSformCode = 254, kQuaternion = 256,
+                      kSform = 280, kMagic = 344;
 constexpr std::size_t kQuaternionNumbers = 6, kSformNumbers = 12;
 /// No place in millimetres is further away; ITK's matrices overflow at values that are.
 constexpr float kFarthest = 1e9F;
 /// Header and extensions; the library takes memory for these before it looks whether they are there.
 constexpr std::size_t kLongestNifti = std::size_t{64} << 20, kExtender = 348, kFirstExtension = 352;
+
+bool is_real(int datatype) {
+  switch (datatype) {
+    case NIFTI_TYPE_INT8:
+    case NIFTI_TYPE_UINT8:
+    case NIFTI_TYPE_INT16:
+    case NIFTI_TYPE_UINT16:
+    case NIFTI_TYPE_INT32:
+    case NIFTI_TYPE_UINT32:
+    case NIFTI_TYPE_INT64:
+    case NIFTI_TYPE_UINT64:
+    case NIFTI_TYPE_FLOAT32:
+    case NIFTI_TYPE_FLOAT64:
+      return true;
+    default:
+      return false;
+  }
+}
+
+/// The type of voxels, and the axes in space and of components.
+void read_axes(const std::filesystem::path& path, const HeaderBytes& header, NiftiHeader& result) {
+  std::array<int, 8> dim{};
+  for (std::size_t i = 0; i < dim.size(); ++i) dim[i] = header.integer_at(kDimensions + 2 * i);
+  if (dim[0] < 1 || dim[0] > 7) refuse(path, "the header has " + std::to_string(dim[0]) + " dimensions");
+  for (int axis = 1; axis <= dim[0]; ++axis) {
+    // The library takes 1 for what is less, without a word. Beyond the axes of space, 0 is common and means 1.
+    const int least = axis <= 3 ? 1 : 0;
+    if (dim[axis] < least)
+      refuse(path, "its size on axis " + std::to_string(axis) + " is " + std::to_string(dim[axis]) +
+                       "; it must be at least " + std::to_string(least));
+    if (axis >= 6 && dim[axis] > 1)
+      refuse(path, "it has " + std::to_string(dim[axis]) + " values on axis " + std::to_string(axis) +
+                       "; use a 2-D or 3-D image");
+  }
+
+  // dim[5] is the number of components; dim[3] is 1 in a 2-D field, where its two components tell it from a slice.
+  if (dim[0] >= 5) result.components = std::max(dim[5], 1);
+  const int intent = header.integer_at(kIntentCode);
+  // ITK takes what is no vector for one more axis, or for matrices.
+  if (result.components > 1 && intent != NIFTI_INTENT_VECTOR)
+    refuse(path, "it has " + std::to_string(result.components) + " values on axis 5 where its intent code is " +
+                     std::to_string(intent) + "; use a 2-D or 3-D image, or give a vector image the intent code 1007");
+  result.datatype = header.integer_at(kDatatype);
+  // ITK takes each component to be one number, and writes past the end of its memory when it is not.
+  const bool is_compound = intent == NIFTI_INTENT_VECTOR || intent == NIFTI_INTENT_SYMMATRIX;
+  if (is_compound && !is_real(result.datatype))
+    refuse(path, "its data type " + std::to_string(result.datatype) +
+                     " is not one of real numbers, as its intent code " + std::to_string(intent) +
+                     " needs; save its components as float");
+
+  const int spatial = dim[0] < 4 ? dim[0] : 4;
+  result.dimension = spatial;
+  if (spatial == 4 && dim[4] <= 1) result.dimension = dim[0] >= 5 && dim[3] == 1 && result.components == 2 ? 2 : 3;
+}
+
+/// By the standard, a slope of 0 says that voxels are not scaled, whatever the intercept is, and colours never are.
+void read_scaling(const std::filesystem::path& path, const HeaderBytes& header, NiftiHeader& result) {
+  const float slope = header.number_at(kSlope), intercept = header.number_at(kIntercept);
+  // Some programs write that there is no slope as NaN.
+  if (slope == 0 || std::isnan(slope) || !is_real(result.datatype)) return;
+  if (!std::isfinite(slope) || !std::isfinite(intercept))
+    refuse(path, "its scl_slope is " + std::to_string(slope) + " and its scl_inter " + std::to_string(intercept) +
+                     "; both must be finite numbers");
+  result.slope = slope;
+  result.intercept = intercept;
+}
 
 }  // namespace
 
@@ -86,9 +155,9 @@ NiftiHeader read_nifti_header(const std::filesystem::path& path) {
   }
   if (is_swapped) header.swap_from_now_on();
 
-  std::array<std::uint16_t, 8> dim{};
-  for (std::size_t i = 0; i < dim.size(); ++i) dim[i] = header.short_at(kDimensions + 2 * i);
-  if (dim[0] < 1 || dim[0] > 7) refuse("the header has " + std::to_string(dim[0]) + " dimensions");
+  NiftiHeader result;
+  read_axes(path, header, result);
+  read_scaling(path, header, result);
 
   const auto check_places = [&](const char* what, std::size_t offset, std::size_t count) {
     for (std::size_t i = 0; i < count; ++i)
@@ -102,7 +171,6 @@ NiftiHeader read_nifti_header(const std::filesystem::path& path) {
   if (!(data_offset >= 0 && data_offset <= static_cast<float>(kLongestNifti)))
     refuse("its voxels begin at byte " + std::to_string(data_offset) + "; that must be in the first 64 MiB");
 
-  NiftiHeader result;
   // The library reads from byte 348 when a header gives less.
   result.data_offset = std::max(static_cast<std::size_t>(data_offset), kExtender);
   std::array<unsigned char, 4> extender{};
@@ -119,15 +187,6 @@ NiftiHeader read_nifti_header(const std::filesystem::path& path) {
       left -= size;
     }
   }
-  // dim[5] is the number of components; dim[3] is 1 in a 2-D field, where its two components tell it from a slice.
-  if (dim[0] >= 5) result.components = dim[5];
-  for (int axis = 6; axis <= dim[0]; ++axis) {
-    if (dim[axis] > 1) refuse("the header has more than five dimensions");
-  }
-  const int spatial = dim[0] < 4 ? dim[0] : 4;
-  result.dimension = spatial;
-  if (spatial == 4 && dim[4] <= 1) result.dimension = dim[0] >= 5 && dim[3] == 1 && result.components == 2 ? 2 : 3;
-
   // The library takes 1 mm for what is no number, without a word.
   for (std::size_t axis = 1; axis <= static_cast<std::size_t>(result.dimension); ++axis) {
     const float spacing = header.number_at(kSpacing + 4 * axis);

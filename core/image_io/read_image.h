@@ -11,6 +11,8 @@ namespace saltus {
 /// world millimetres. What that means where formats are ambiguous:
 ///  - NIfTI: the RAS coordinates of the file become LPS. The sform is used when its code is 1 (scanner) or the qform's
 ///    code is 0, and it has no shear; otherwise the qform. A file with neither gets its header's spacing only.
+///  - NIfTI: a voxel is scl_slope * stored + scl_inter, unless scl_slope is 0 or NaN. Several values a voxel need the
+///    intent code of a vector.
 ///  - Direction cosines that a header rounded are replaced by the nearest orthonormal matrix; a deviation above 1e-3 is
 ///    refused, as is everything else that problems(ImageGrid) reports.
 ///  - PNG: a pixel is 1 mm wide unless the file has an sCAL chunk, the origin is the centre of the top left pixel, y
