@@ -1,6 +1,7 @@
 #include "core/support/available_cores.h"
 
 #include "core/support/control_groups.h"
+#include "core/support/thread_binding.h"
 
 #include <algorithm>
 #include <cmath>
@@ -18,7 +19,9 @@ namespace {
 
 int cores_of_affinity() {
 #ifdef _OPENMP
-  return std::max(1, omp_get_num_procs());  // the C++ library counts all of the machine
+  const int cores = std::max(1, omp_get_num_procs());  // the C++ library counts all of the machine
+  const auto bound = static_cast<int>(cores_of_places().size());
+  return bound > 0 ? std::min(cores, bound) : cores;
 #else
   return std::max(1, static_cast<int>(std::thread::hardware_concurrency()));
 #endif

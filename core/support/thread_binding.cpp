@@ -3,10 +3,7 @@
 #include <sched.h>
 
 #include <algorithm>
-#include <cerrno>
 #include <cstddef>
-#include <system_error>
-#include <vector>
 
 #ifdef _OPENMP
 #include <omp.h>
@@ -14,24 +11,30 @@
 
 namespace saltus {
 
-void release_thread() {
-#ifdef _OPENMP
+std::vector<int> cores_of_places() {
   std::vector<int> cores;
+#ifdef _OPENMP
   for (int place = 0; place < omp_get_num_places(); ++place) {
     std::vector<int> own(static_cast<std::size_t>(omp_get_place_num_procs(place)));
     omp_get_place_proc_ids(place, own.data());
     cores.insert(cores.end(), own.begin(), own.end());
   }
+#endif
+  std::sort(cores.begin(), cores.end());
+  cores.erase(std::unique(cores.begin(), cores.end()), cores.end());
+  return cores;
+}
+
+void release_thread() {
+  const std::vector<int> cores = cores_of_places();
   if (cores.empty()) return;
-  const int count = *std::max_element(cores.begin(), cores.end()) + 1;
-  cpu_set_t* const set = CPU_ALLOC(count);
-  const std::size_t bytes = CPU_ALLOC_SIZE(count);
+  cpu_set_t* const set = CPU_ALLOC(cores.back() + 1);
+  const std::size_t bytes = CPU_ALLOC_SIZE(cores.back() + 1);
   CPU_ZERO_S(bytes, set);
   for (int core : cores) CPU_SET_S(core, bytes, set);
-  const int error = sched_setaffinity(0, bytes, set) == 0 ? 0 : errno;
+  // Places may name cores that are not this process's: those that it has stay then.
+  sched_setaffinity(0, bytes, set);
   CPU_FREE(set);
-  if (error != 0) throw std::system_error(error, std::generic_category(), "cores of OMP_PLACES");
-#endif
 }
 
 }  // namespace saltus

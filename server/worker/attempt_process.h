@@ -14,6 +14,7 @@ struct AttemptOrder {
   /// Either the launch token, or a file that holds it.
   std::string token, token_file;
   std::vector<std::string> options;  ///< where the daemon is
+  int threads = 0;  ///< above 0: the environment is made for so many, as the daemon does for workers that it launches
 };
 
 /// How the process of an attempt ended.

@@ -1,6 +1,7 @@
 #include "core/support/available_cores.h"
 #include "core/support/available_memory.h"
 #include "core/support/errors.h"
+#include "core/support/thread_binding.h"
 #include "server/worker/attempt_process.h"
 #include "server/worker/connection.h"
 #include "server/worker/process_limits.h"
@@ -126,6 +127,7 @@ int main(int argument_count, char** words) {
     return app.exit(error) == 0 ? OutcomeReported : UsageError;
   }
   try {
+    saltus::release_thread();
     return run(arguments);
   } catch (const saltus::InvalidInput& error) {
     std::cerr << "saltus-worker: " << error.what() << std::endl;

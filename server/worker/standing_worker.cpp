@@ -103,7 +103,7 @@ class StandingWorker {
   }
 
   ProcessEnd work(const v1::TakeJobResponse& job) const {
-    AttemptOrder order{job.job_id(), job.attempt(), job.token(), "", options_.connection.options()};
+    AttemptOrder order{job.job_id(), job.attempt(), job.token(), "", options_.connection.options(), options_.threads};
     if (!options_.blobs.empty()) order.options.insert(order.options.end(), {"--blobs", options_.blobs});
     try {
       return run_attempt_process(order, stop_);

@@ -40,14 +40,14 @@ class Workers:
     def __init__(self, service, folder):
         self.service, self.folder, self.started = service, folder, []
 
-    def start(self, *more, address=None):
+    def start(self, *more, address=None, **environment):
         temporary = os.path.join(self.folder, f"tmp{len(self.started)}")
         os.makedirs(temporary)
         log = open(os.path.join(self.folder, f"worker{len(self.started)}.log"), "wb")
         self.started.append(subprocess.Popen(
             [os.path.join(options.programs, "saltus-worker"), "--server", address or self.service.protected,
              *worker_tls(self.folder), *([] if "--threads" in more else ["--threads", "1"]), *more], stdout=log, stderr=log,
-            env=dict(os.environ, TMPDIR=temporary)))
+            env=dict(os.environ, TMPDIR=temporary, **environment)))
         return self.started[-1]
 
     def told(self):
@@ -81,6 +81,22 @@ def killed_work(service, workers):
     worker = workers.start()
     worker_is_killed(service)
     equal(worker.poll(), None, workers.told())
+
+
+def threads_of_attempts(service, workers):
+    """What the daemon says of threads to workers that it launches, a standing worker says to its attempts; and OpenMP's
+    library, which binds the worker's first thread to one core, does not bind theirs."""
+    workers.start(OMP_PROC_BIND="true", OMP_WAIT_POLICY="active")
+    job = service.submit(*LONG)
+    service.wait_for_work(job)
+    attempt, = workers_of(job)
+    with open(f"/proc/{attempt}/environ", encoding="utf-8") as file:
+        variables = dict(one.split("=", 1) for one in file.read().split("\0") if one)
+    for name, value in (("OMP_NUM_THREADS", "1"), ("OMP_WAIT_POLICY", "PASSIVE"), ("OMP_PROC_BIND", "false")):
+        equal(variables[name], value, name)
+    equal(os.sched_getaffinity(attempt), os.sched_getaffinity(0), "cores")
+    service.run("cancel", job, "--server", service.address)
+    service.wait_for_state(job, "CANCELLED")
 
 
 def orderly_end(service, workers):
@@ -160,8 +176,8 @@ def strangers(service, workers):
     equal(large.wait(PATIENCE), 0)
 
 
-CASES = {case.__name__: case for case in (many_jobs, killed_work, orderly_end, daemon_restart, killed_at_taking,
-                                              strangers)}
+CASES = {case.__name__: case for case in (many_jobs, killed_work, threads_of_attempts, orderly_end, daemon_restart,
+                                              killed_at_taking, strangers)}
 
 
 def main():

@@ -169,8 +169,9 @@ std::vector<Finding> findings(const ReportInput<Dim>& input, const Analysis<Dim>
     all.push_back({Verdict::Look, "There and back again ends " + number(summary.inverse_consistency_mm) +
                                       " mm off (median), more than half a voxel; more time steps bring it down."});
   if (summary.hamiltonian_drift > much_drift)
-    all.push_back({Verdict::Look, "The energy of the motion, which should stay the same along the path, changes by " +
-                                      percentage(summary.hamiltonian_drift) + "; more time steps bring it down."});
+    all.push_back({Verdict::Look, "The energy of the motion, which should stay the same along a geodesic, changes by " +
+                                      percentage(summary.hamiltonian_drift) +
+                                      ": the path is one to no more than that."});
   return all;
 }
 
