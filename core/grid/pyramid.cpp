@@ -72,7 +72,8 @@ std::vector<T> downsampled(const Lattice<Dim>& lattice, const std::vector<T>& sa
     result = reduce_axis(outer, length, inner, targets, *reached);
     reached = &result;
   }
-  return reached == &samples ? samples : result;
+  if (reached == &samples) return samples;
+  return result;
 }
 
 template std::vector<float> downsampled(const Lattice<2>&, const std::vector<float>&, const Lattice<2>&, double);

@@ -55,14 +55,15 @@ void hide(const std::vector<float>& weights, std::vector<float>& samples) {
 
 /// Downsampled; smoothed; near a mask's border the mean of what it shows, not a mixture with what it hides.
 template <int Dim>
-std::vector<float> reduced(const Lattice<Dim>& from, const std::vector<float>& samples,
-                           const std::vector<float>& weights, const Lattice<Dim>& to, double smoothing) {
-  if (weights.empty()) return downsampled(from, samples, to, smoothing);
-  std::vector<float> weighted(samples.size());
-  for (std::size_t i = 0; i < samples.size(); ++i) weighted[i] = weights[i] * samples[i];
+std::vector<float> reduced(const Lattice<Dim>& from, std::vector<float> samples, const std::vector<float>& weights,
+                           const Lattice<Dim>& to, double smoothing) {
+  if (from == to && !(smoothing > 0)) return samples;
   std::vector<float> plain = downsampled(from, samples, to, smoothing);
-  const std::vector<float> sum = downsampled(from, weighted, to, smoothing),
-                           share = downsampled(from, weights, to, smoothing);
+  if (weights.empty()) return plain;
+  for (std::size_t i = 0; i < samples.size(); ++i) samples[i] *= weights[i];
+  const std::vector<float> sum = downsampled(from, samples, to, smoothing);
+  samples = {};  // memory_estimate counts what is held at the same time
+  const std::vector<float> share = downsampled(from, weights, to, smoothing);
   for (std::size_t i = 0; i < plain.size(); ++i)
     if (share[i] > float(1e-3)) plain[i] = sum[i] / share[i];
   return plain;
@@ -223,16 +224,17 @@ MatchingLevel<Dim, float> ImagePyramid<Dim>::make_level(int level, const Lattice
   MatchingLevel<Dim, float> made;
   const Lattice<Dim> whole = level_lattice(fixed_lattice_, level);
   made.lattice = part;
-  const std::vector<float> fixed_weights = binary(input_.fixed_mask), moving_weights = binary(input_.moving_mask);
+  std::vector<float> fixed_weights = binary(input_.fixed_mask);
   const auto on_part = [&](std::vector<float> samples) {
     return part == whole ? std::move(samples) : samples_of_part(whole, samples, part);
   };
   made.fixed = on_part(reduced(fixed_lattice_, scaled(input_.fixed, fixed_weights), fixed_weights, whole, smoothing));
-  const double reference = *std::min_element(fixed_lattice_.spacing.begin(), fixed_lattice_.spacing.end());
-  const Lattice<Dim> moving = level == 0 ? moving_lattice_ : coarsened(moving_lattice_, std::ldexp(reference, level));
-  made.moving = framed(scaled(input_.moving, moving_weights), moving_weights, smoothing, moving);
   if (input_.fixed_mask) made.fixed_weights = on_part(downsampled(fixed_lattice_, fixed_weights, whole));
-  if (input_.moving_mask) made.moving_weights = framed(moving_weights, {}, 0, moving);
+  fixed_weights = {};
+  const Lattice<Dim> moving = moving_level_lattice(fixed_lattice_, moving_lattice_, level);
+  std::vector<float> moving_weights = binary(input_.moving_mask);
+  made.moving = framed(scaled(input_.moving, moving_weights), moving_weights, smoothing, moving);
+  if (input_.moving_mask) made.moving_weights = framed(std::move(moving_weights), {}, 0, moving);
   made.similarity_weight = similarity_weight(level);
   made.divergence_weight = divergence_weight(level);
   // Smoothing leaves what noise holds at the kernels' wavelengths as it is.
@@ -244,11 +246,11 @@ MatchingLevel<Dim, float> ImagePyramid<Dim>::make_level(int level, const Lattice
 }
 
 template <int Dim>
-FramedImage<Dim, float> ImagePyramid<Dim>::framed(const std::vector<float>& samples, const std::vector<float>& weights,
+FramedImage<Dim, float> ImagePyramid<Dim>::framed(std::vector<float> samples, const std::vector<float>& weights,
                                                   double smoothing, const Lattice<Dim>& lattice) const {
   FramedImage<Dim, float> image;
   image.lattice = lattice;
-  image.samples = reduced(moving_lattice_, samples, weights, lattice, smoothing);
+  image.samples = reduced(moving_lattice_, std::move(samples), weights, lattice, smoothing);
   // Index of the full image -> index of the level's image.
   for (int axis = 0; axis < Dim; ++axis) {
     const double ratio = moving_lattice_.spacing[axis] / lattice.spacing[axis];

@@ -59,7 +59,7 @@ class ImagePyramid {
   MatchingLevel<Dim, float> make_level(int level, const Lattice<Dim>& part, double smoothing) const;
   double scaled(double intensity) const;
   std::vector<float> scaled(const Volume<Dim>& image, const std::vector<float>& weights) const;
-  FramedImage<Dim, float> framed(const std::vector<float>& samples, const std::vector<float>& weights, double smoothing,
+  FramedImage<Dim, float> framed(std::vector<float> samples, const std::vector<float>& weights, double smoothing,
                                  const Lattice<Dim>& lattice) const;
 
   const RegistrationInput<Dim>& input_;

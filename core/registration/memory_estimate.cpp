@@ -34,23 +34,27 @@ std::size_t memory_estimate(const ImageGrid<Dim>& fixed, const ImageGrid<Dim>& m
   const double nodes = steps * std::max(options.flow.map_steps, options.flow.map_tolerance > 0 ? kMostMapSteps : 1) + 1;
   constexpr double vector = Dim * sizeof(float), scalar = sizeof(float);
   const double similarity = scalar * similarity_scratch(options.similarity, Dim);
+  const Lattice<Dim> image_of_moving = lattice_of(moving);
   const auto sites_of = [&](int level) { return static_cast<double>(level_lattice(image, level).sites()); };
 
   const bool has_first = m.first_order_scales > 0;
   // What one round holds: see the members of MatchingObjective and of what it owns. `smooth`: order 0 is alone.
   const int finest = options.pyramid.finest_level, coarsening = options.flow.coarsening;
   const double level = sites_of(finest);
+  const auto level_moving = static_cast<double>(moving_level_lattice(image, image_of_moving, finest).sites());
   struct Round {
     double most;  ///< while it runs
     double left;  ///< of which this is there until what jumps is listed, when it was the last
     double kept;  ///< momenta of the result, and that list
+    double momenta;
   };
   const auto round_of = [&](bool smooth) {
     const Lattice<Dim> flow_lattice = level_lattice(image, smooth ? finest + coarsening : finest);
-    // Both images, the warped one and its dual; weights of the fixed one and of both; either those of the moving one
-    // and a dual, or the warped image's slopes, which elsewhere have the room of another field.
+    // The fixed image, the warped one and its dual; weights of the fixed one and of both; the moving image; either its
+    // weights and a dual, or the warped image's slopes, which elsewhere have the room of another field.
     const int slopes = flow_lattice == level_lattice(image, finest) ? 0 : Dim;
-    double bytes = level * ((6 + std::max(2, slopes)) * scalar + similarity);
+    double bytes = level * (5 * scalar + similarity) + level_moving * scalar +
+                   scalar * std::max(level + level_moving, level * slopes);
     const double flow = static_cast<double>(flow_lattice.sites());
     // Planes on the way from a coarser lattice, see LatticeInterpolation.
     const auto planes_between = [&](const Lattice<Dim>& coarse, const Lattice<Dim>& fine) {
@@ -118,9 +122,8 @@ std::size_t memory_estimate(const ImageGrid<Dim>& fixed, const ImageGrid<Dim>& m
       const double active =
           m.sparsity > 0 ? most_active_sites(image, lattice, fields, m.most_active_share) : fields * sites;
       unknowns += Dim * active;
-      const std::size_t widths = std::max<std::size_t>(1, m.first_order_kernel_widths.size());
       kept += Dim * sites * vector +
-              static_cast<double>(widths * sizeof(JumpElement<Dim>)) * (is_directional ? Dim * active : active);
+              static_cast<double>(sizeof(JumpElement<Dim>)) * (is_directional ? Dim * active : active);
       const bool is_alone = coarsening > 0 || q < m.finest_scale || q >= m.finest_scale + m.scales;
       if (is_alone) add_lattice(q);
       // Momenta on their way, what is listed of one field of them, and passes; alone also their velocity, or momenta of
@@ -134,15 +137,18 @@ std::size_t memory_estimate(const ImageGrid<Dim>& fixed, const ImageGrid<Dim>& m
         bytes += sites * 2 * fields * vector;
         if (m.reweighted_rounds > 0 || m.debias) bytes += scalar * (2 * fields * sites + active);
       }
-      if (is_directional) bytes += sites * 2 * Dim * vector;
+      // Momenta along all axes and their gradients; the directions, twice in double precision and once more in single.
+      if (is_directional) bytes += sites * (2 * Dim + 5) * vector;
     }
-    // Planes between two passes of order 0, see convolve_planes: of each thread one, or a few small ones.
+    // Of each thread: planes between two passes of order 0, one or a few small ones, see convolve_planes; and what the
+    // similarity sweeps with.
+    const int threads = options.threads > 0 ? options.threads : threads_of_loop(static_cast<std::size_t>(level));
     if (Dim == 3) {
       const Lattice<Dim> largest = level_lattice(image, m.finest_scale + (smooth ? coarsening : 0));
       const double plane = static_cast<double>(largest.sites()) / largest.size[Dim - 1] * vector;
-      const int threads = options.threads > 0 ? options.threads : threads_of_loop(largest.sites());
       bytes += threads * std::max(plane, 512.0 * 1024);
     }
+    bytes += similarity_tables(options.similarity, options.similarity_parameters, threads);
     // L-BFGS, see MinimiserState: one of its vectors makes room for one on its way while momenta join, and a checkpoint
     // goes straight to a file. Before it has pairs it may look at the noise: with the next gradient, and with three
     // images. What order 0 began with may be kept.
@@ -152,23 +158,29 @@ std::size_t memory_estimate(const ImageGrid<Dim>& fixed, const ImageGrid<Dim>& m
     const bool looks = smooth && options.optimisation.noise_tolerance > 0;
     const double beginning = has_first && m.first_order_shear > 0 && !m.first_order_waits ? dense * scalar : 0;
     return Round{bytes + beginning + (looks ? std::max(run, noise_look) : run),
-                 bytes + unknowns * scalar + flow * nodes * vector, kept};
+                 bytes + unknowns * scalar + flow * nodes * vector, kept, unknowns * scalar};
   };
   Round round = round_of(true);
   if (has_first) {
     const Round other = round_of(false);
-    round = {std::max(round.most, other.most), std::max(round.left, other.left), std::max(round.kept, other.kept)};
+    round = {std::max(round.most, other.most), std::max(round.left, other.left), std::max(round.kept, other.kept),
+             std::max(round.momenta, other.momenta)};
   }
 
+  // While a level's images are made: what masks show, the scaled image, what it is reduced to on its way and what
+  // divides that, of one image at a time, see ImagePyramid; the momenta wait.
+  const double making = 5 * scalar * std::max(full, full_moving) + 2 * scalar * (level + level_moving);
   // At the end: map, displacement and the frame at rest, Jacobian and warped image, both images again with what warps
   // them, and the similarity at full resolution; the inverse; velocities.
   const double flow = sites_of(has_first ? finest : finest + coarsening);
   const double end_bytes = full * (3 * vector + 8 * scalar + similarity) + full_moving * (vector + 8 + 2 * scalar) +
                            flow * nodes * vector + round.kept;
-  // Both images with masks, a field of directions, and what is too small to be counted one by one.
+  // Both images with masks, a field of directions as given and as it is used, and what is too small to be counted one
+  // by one.
   const double input_bytes =
-      2 * scalar * (full + full_moving) + (options.model == Model::Directional ? vector * full : 0) + 2 * full;
-  return static_cast<std::size_t>(input_bytes + std::max({round.most, round.left + round.kept, end_bytes})) +
+      2 * scalar * (full + full_moving) + (options.model == Model::Directional ? 3 * vector * full : 0) + 2 * full;
+  return static_cast<std::size_t>(input_bytes +
+                                  std::max({round.most, round.left + round.kept, making + round.momenta, end_bytes})) +
          (64u << 20);
 }
 

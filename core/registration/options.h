@@ -119,7 +119,7 @@ struct RegistrationOptions {
   SimilarityOptions similarity_parameters;
 
   struct Optimisation {
-    int max_iterations = 60;  ///< per level
+    int max_iterations = 60;  ///< in each round of a level
     double tolerance = 1e-3;  ///< a level ends when five iterations give less than this share of its total decrease
     /// The same of a round with first orders that another one follows, where larger: it is there for the weights that
     /// the next one is made with. Follows the contrast as lambda does (full_contrast).

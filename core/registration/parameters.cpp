@@ -432,7 +432,7 @@ const std::vector<Parameter>& parameters() {
           "distance of the neighbours whose patches mind compares",
           [](O & o) -> auto& { return o.similarity_parameters.mind_step_voxels; }),
       integer(
-          "max_iterations", "", 0, 10000, "iterations on each level",
+          "max_iterations", "", 0, 10000, "iterations in each round of a level",
           [](O & o) -> auto& { return o.optimisation.max_iterations; }),
       real(
           "tolerance", "", 0, Lower::Inclusive, 1,

@@ -56,7 +56,8 @@ RegistrationResult<Dim> register_images(const RegistrationInput<Dim>& input, con
   const Lattice<Dim> flow = objective.flow_lattice();
   collect_momenta(run.scales(), objective.working_set().pointers(momenta), input.fixed.grid, result);
   result.moved_points = move_points(input, flow, velocities, run.scales(), objective.working_set().pointers(momenta));
-  const bool is_conserved = run.scales().size() == 1 && !run.scales()[0]->oriented();
+  const bool is_conserved =
+      options.flow.evolution == Evolution::Exact && run.scales().size() == 1 && !run.scales()[0]->oriented();
   summary.hamiltonian_drift = is_conserved ? drift_of(objective.hamiltonians(momenta)) : -1;
   // The momenta go with the run; what jumps by them is a short list.
   std::vector<JumpElements<Dim>> jumps;

@@ -82,8 +82,9 @@ struct RegistrationSummary {
   double similarity_after = 0;
   double seconds = 0;
   double cpu_seconds = 0;
-  double hamiltonian_drift =
-      0;  ///< max |H(t) - H(0)| / H(0) along the geodesic; -1: several kernels, H is no invariant
+  /// max |H(t) - H(0)| / H(0) along the geodesic; -1 where H is no invariant: with several kernels, oriented momenta or
+  /// another evolution than `exact`.
+  double hamiltonian_drift = 0;
   double active_first_order_share = 0;  ///< of first-order sites, with a non-zero momentum along an axis
   double inverse_consistency_mm = 0;    ///< median |psi(phi(y)) - y|
   double min_jacobian = 0;

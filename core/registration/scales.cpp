@@ -87,6 +87,12 @@ Lattice<Dim> level_lattice(const Lattice<Dim>& image, int level) {
 }
 
 template <int Dim>
+Lattice<Dim> moving_level_lattice(const Lattice<Dim>& fixed, const Lattice<Dim>& moving, int level) {
+  const double reference = *std::min_element(fixed.spacing.begin(), fixed.spacing.end());
+  return level == 0 ? moving : coarsened(moving, std::ldexp(reference, level));
+}
+
+template <int Dim>
 RegistrationOptions resolved(const RegistrationOptions& options, const Lattice<Dim>& image, const ImageTraits& traits) {
   const double reference_mm = *std::min_element(image.spacing.begin(), image.spacing.end());
   double largest_axis = 0;  // in reference voxels
@@ -300,6 +306,8 @@ template RegistrationOptions resolved(const RegistrationOptions&, const Lattice<
 template RegistrationOptions resolved(const RegistrationOptions&, const Lattice<3>&, const ImageTraits&);
 template Lattice<2> level_lattice(const Lattice<2>&, int);
 template Lattice<3> level_lattice(const Lattice<3>&, int);
+template Lattice<2> moving_level_lattice(const Lattice<2>&, const Lattice<2>&, int);
+template Lattice<3> moving_level_lattice(const Lattice<3>&, const Lattice<3>&, int);
 template double first_order_width(const Lattice<2>&, const RegistrationOptions&, int);
 template double first_order_width(const Lattice<3>&, const RegistrationOptions&, int);
 template std::vector<PlacedScale<2, float>> make_scales(const Lattice<2>&, const RegistrationOptions&,

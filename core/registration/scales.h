@@ -29,6 +29,10 @@ inline constexpr double kNarrowShareOfSmooth = 0.2;
 template <int Dim>
 Lattice<Dim> level_lattice(const Lattice<Dim>& image, int level);
 
+/// That of the moving image beside it.
+template <int Dim>
+Lattice<Dim> moving_level_lattice(const Lattice<Dim>& fixed, const Lattice<Dim>& moving, int level);
+
 /// What of an image the options may follow.
 struct ImageTraits {
   double noise = 0;  ///< standard deviation, as a share of the intensity range

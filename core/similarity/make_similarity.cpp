@@ -42,13 +42,28 @@ int similarity_scratch(SimilarityType type, int dimension) {
   switch (type) {
     case SimilarityType::Ssd:
     case SimilarityType::Ncc:
-    case SimilarityType::Lncc:  // its planes of a few rows do not count
+    case SimilarityType::Lncc:
     case SimilarityType::Mi:
       return 0;
     case SimilarityType::Ngf:
       return 2 * dimension;  // what comes back to the differences of both images
     case SimilarityType::Mind:
       return 3 * (pairs / 2) + 3 * pairs;  // distances of both images, and while they are made; context, two duals
+  }
+  throw InvalidInput("similarity " + std::to_string(static_cast<int>(type)) + " is not known");
+}
+
+double similarity_tables(SimilarityType type, const SimilarityOptions& parameters, int threads) {
+  switch (type) {
+    case SimilarityType::Ssd:
+    case SimilarityType::Ncc:
+    case SimilarityType::Ngf:
+    case SimilarityType::Mind:
+      return 0;
+    case SimilarityType::Lncc:  // planes of a few rows that fit a second-level cache
+      return threads * 1024.0 * 1024.0;
+    case SimilarityType::Mi:  // histograms that are filled side by side, and their sum
+      return 33.0 * sizeof(double) * (static_cast<double>(parameters.mi_bins) * parameters.mi_bins + 1);
   }
   throw InvalidInput("similarity " + std::to_string(static_cast<int>(type)) + " is not known");
 }

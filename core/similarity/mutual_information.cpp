@@ -38,13 +38,18 @@ class BinAxis {
   double low_ = 0, inverse_ = 0, first_ = 0, last_ = 0, scale_ = 0;
 };
 
+/// The whole part, `most` at most; of what is no number `least`, so that its bins exist and its weights say so.
+int whole_part(double coordinate, int least, int most) {
+  return coordinate >= least ? std::min(static_cast<int>(coordinate), most) : least;
+}
+
 /// Cubic B-spline weights of the four bins from floor(coordinate) - 1 on.
 struct CubicWindow {
   int begin;
   double value[4], slope[4];
 
   CubicWindow(double coordinate, int bins) {
-    const int cell = std::min(static_cast<int>(coordinate), bins - 3);
+    const int cell = whole_part(coordinate, 1, bins - 3);
     const double t = coordinate - cell, s = 1 - t;
     begin = cell - 1;
     value[0] = s * s * s / 6;
@@ -64,7 +69,7 @@ struct LinearWindow {
   double value[2];
 
   LinearWindow(double coordinate, int bins) {
-    begin = std::min(static_cast<int>(coordinate), bins - 2);
+    begin = whole_part(coordinate, 0, bins - 2);
     value[1] = coordinate - begin;
     value[0] = 1 - value[1];
   }

@@ -195,8 +195,8 @@ class SelfSimilarity final : public Similarity<Dim, T> {
       const Direction<Dim>& direction = directions_[k / 2];
       const bool is_whole =
           inside || (reaches(index, direction.place[k % 2], 1) && reaches(index, direction.end[k % 2], 1));
-      d[k] =
-          is_whole ? std::max(T(0), distances[(site + static_cast<std::size_t>(places_[k])) * fields_ + k / 2]) : T(0);
+      const T distance = is_whole ? distances[(site + static_cast<std::size_t>(places_[k])) * fields_ + k / 2] : T(0);
+      d[k] = distance < 0 ? T(0) : distance;  // what is no number stays that
       sum += d[k];
     }
     return sum / static_cast<T>(pairs());

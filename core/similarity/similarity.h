@@ -96,5 +96,7 @@ int lncc_cell(const SimilarityOptions& parameters, int dimension);
 
 /// Scalars a site that such a similarity keeps for its own work, at the most (with a mask that moves).
 int similarity_scratch(SimilarityType type, int dimension);
+/// Bytes that it keeps beside those, however many sites there are, with so many threads.
+double similarity_tables(SimilarityType type, const SimilarityOptions& parameters, int threads);
 
 }  // namespace saltus

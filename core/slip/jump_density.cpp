@@ -114,7 +114,7 @@ Lattice<Dim> covered_by(const Lattice<Dim>& lattice, const JumpElements<Dim>& of
   Lattice<Dim> box = lattice;
   for (int a = 0; a < Dim; ++a) {
     double reach = std::max(of.lattice.spacing[a], lattice.spacing[a]);
-    for (const Vector<Dim>& axis : axes) reach += std::abs(axis[a]) * of.width_mm;
+    for (const Vector<Dim>& axis : axes) reach += std::abs(axis[a]) * of.widest_mm();
     const double middle = (at[a] - lattice.offset[a]) / lattice.spacing[a], samples = reach / lattice.spacing[a];
     low[a] = std::max(0, static_cast<int>(std::floor(middle - samples)));
     const int high = std::min(lattice.size[a] - 1, static_cast<int>(std::ceil(middle + samples)));
@@ -139,14 +139,16 @@ void add_one_by_one(const Lattice<Dim>& lattice, const JumpElements<Dim>& of, fl
     const auto add_at = [&](const Vector<Dim>& at, double weight) {
       add(at, Eigen::Matrix<double, 1, 1>(weight), share.data());
     };
-    const auto along = lateral_weights<Dim>(of.lattice, axes[0], of.width_mm);
-    if constexpr (Dim == 2) {
-      for (const auto& [place, weight] : along) add_at(element.at + place * axes[0], weight);
-    } else {
-      const auto across = lateral_weights<Dim>(of.lattice, axes[1], of.width_mm);
-      for (const auto& [first, weight] : along)
-        for (const auto& [second, other] : across)
-          add_at(element.at + first * axes[0] + second * axes[1], weight * other);
+    for (const JumpSpread& spread : of.spreads) {
+      const auto along = lateral_weights<Dim>(of.lattice, axes[0], spread.width_mm);
+      if constexpr (Dim == 2) {
+        for (const auto& [place, weight] : along) add_at(element.at + place * axes[0], spread.share * weight);
+      } else {
+        const auto across = lateral_weights<Dim>(of.lattice, axes[1], spread.width_mm);
+        for (const auto& [first, weight] : along)
+          for (const auto& [second, other] : across)
+            add_at(element.at + first * axes[0] + second * axes[1], spread.share * weight * other);
+      }
     }
     Eigen::Matrix<float, Dim * Dim, 1> tensor;
     for (int c = 0; c < Dim; ++c)
@@ -167,20 +169,24 @@ void add_one_by_one(const Lattice<Dim>& lattice, const JumpElements<Dim>& of, fl
 /// sites, so kernels are rows along the other axes.
 template <int Dim>
 void add_along_axis(const Lattice<Dim>& lattice, const JumpElements<Dim>& elements, float* values) {
-  std::vector<float> jumps(Dim * lattice.sites(), 0.0f), next(jumps.size());
+  std::vector<float> jumps(Dim * lattice.sites()), next(jumps.size());
   HatAdder<Dim, Dim> add(lattice, elements.lattice);
-  for (const JumpElement<Dim>& element : elements.list) add(element.at, element.strength, jumps.data());
-  for (int axis = 0; axis < Dim; ++axis) {
-    if (axis == elements.axis) continue;
-    std::vector<double> taps;
-    for (const auto& [place, weight] : lateral_weights<Dim>(lattice, Vector<Dim>::Unit(axis), elements.width_mm))
-      taps.push_back(weight);
-    convolve_axis<Dim, float>(lattice, Dim, axis, AxisTaps<float>(taps), Combine::Replace, jumps.data(), next.data());
-    std::swap(jumps, next);
+  for (const JumpSpread& spread : elements.spreads) {
+    std::fill(jumps.begin(), jumps.end(), 0.0f);
+    for (const JumpElement<Dim>& element : elements.list)
+      add(element.at, spread.share * element.strength, jumps.data());
+    for (int axis = 0; axis < Dim; ++axis) {
+      if (axis == elements.axis) continue;
+      std::vector<double> taps;
+      for (const auto& [place, weight] : lateral_weights<Dim>(lattice, Vector<Dim>::Unit(axis), spread.width_mm))
+        taps.push_back(weight);
+      convolve_axis<Dim, float>(lattice, Dim, axis, AxisTaps<float>(taps), Combine::Replace, jumps.data(), next.data());
+      std::swap(jumps, next);
+    }
+    for (std::size_t site = 0; site < lattice.sites(); ++site)
+      for (int c = 0; c < Dim; ++c)
+        values[Dim * Dim * site + static_cast<std::size_t>(Dim * c + elements.axis)] += jumps[Dim * site + c];
   }
-  for (std::size_t site = 0; site < lattice.sites(); ++site)
-    for (int c = 0; c < Dim; ++c)
-      values[Dim * Dim * site + static_cast<std::size_t>(Dim * c + elements.axis)] += jumps[Dim * site + c];
 }
 
 }  // namespace
@@ -195,7 +201,7 @@ JumpDensity<Dim>::JumpDensity(const std::vector<JumpElements<Dim>>& elements)
     for (const JumpElements<Dim>& scale : elements)
       for (const JumpElement<Dim>& element : scale.list) {
         const double at = (element.at[a] - whole.offset[a]) / whole.spacing[a];
-        const double reach = radius + (scale.width_mm + scale.lattice.spacing[a]) / whole.spacing[a];
+        const double reach = radius + (scale.widest_mm() + scale.lattice.spacing[a]) / whole.spacing[a];
         low = std::min(low, at - reach);
         high = std::max(high, at + reach);
       }

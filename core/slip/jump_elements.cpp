@@ -78,22 +78,37 @@ std::vector<JumpElements<Dim>> jump_elements(const MomentumScale<Dim, T>& scale,
   std::vector<JumpElements<Dim>> found;
   const KernelSum& kernel = scale.options().kernel;
   const double factor = scale.options().first_weight * scale.lattice().cell_volume();
+  double unit = 0;
+  std::vector<JumpSpread> spreads;
   for (const KernelComponent& component : kernel.components()) {
-    const double unit = factor * component.weight * jump_of_unit(*component.profile, kernel.width());
-    if (unit == 0 || !momenta.first) continue;
+    const double part = factor * component.weight * jump_of_unit(*component.profile, kernel.width());
+    if (part != 0) spreads.push_back({component.profile->width(), part});
+    unit += part;
+  }
+  for (JumpSpread& spread : spreads) spread.share /= unit;  // all of one sign
+  if (unit != 0 && momenta.first)
     for (int axis = 0; axis < Dim; ++axis) {
-      found.push_back({scale.lattice(), component.profile->width(), {}, axis});
+      found.push_back({scale.lattice(), spreads, {}, axis});
       add_faces(scale, momenta.first + static_cast<std::size_t>(axis) * scale.field_size(), axis, unit,
                 found.back().list);
     }
-  }
   if (scale.oriented() && momenta.elements && !momenta.elements->empty()) {
-    found.push_back({scale.lattice(), scale.oriented()->options().width_mm, {}});
+    found.push_back({scale.lattice(), {{scale.oriented()->options().width_mm, 1}}, {}});
     add_oriented(*scale.oriented(), momenta, found.back().list);
   }
   std::erase_if(found, [](const JumpElements<Dim>& elements) { return elements.list.empty(); });
   return found;
 }
+
+template <int Dim>
+double JumpElements<Dim>::widest_mm() const {
+  double widest = 0;
+  for (const JumpSpread& spread : spreads) widest = std::max(widest, spread.width_mm);
+  return widest;
+}
+
+template struct JumpElements<2>;
+template struct JumpElements<3>;
 
 #define SALTUS_JUMP_ELEMENTS(DIM, T) \
   template std::vector<JumpElements<DIM>> jump_elements(const MomentumScale<DIM, T>&, const MomentumPointers<T>&);

@@ -15,14 +15,21 @@ struct JumpElement {
   Vector<Dim> strength;  ///< integral of [v] over its plane, mm^Dim per unit time
 };
 
-/// Those of one kernel, over whose planes [v] falls as the kernel does: the product of k0(r_j), C0 Wendland of this
-/// width, for the coordinates in the plane.
+/// How [v] falls over the plane of an element: as the product of k0(r_j), C0 Wendland of this width, for the
+/// coordinates in the plane; and what share of the strength does.
+struct JumpSpread {
+  double width_mm = 1, share = 1;
+};
+
+/// Those of one kernel, whose jump spreads as the parts of that do that jump.
 template <int Dim>
 struct JumpElements {
-  Lattice<Dim> lattice;  ///< on which the momenta live
-  double width_mm = 1;
+  Lattice<Dim> lattice;             ///< on which the momenta live
+  std::vector<JumpSpread> spreads;  ///< of shares that sum to 1
   std::vector<JumpElement<Dim>> list;
   int axis = -1;  ///< the normal of all of them is this axis of the frame; -1: each has its own
+
+  double widest_mm() const;
 };
 
 /// The jumps of a scale's initial velocity: of the m_i, at the faces they lie on, and of its oriented momenta. The
@@ -31,7 +38,7 @@ struct JumpElements {
 ///     integral of [v] = a_1 V w_q (sigma / mass_q) 2 k0_q'(0+) m         (-6 a_1 V / sigma m for one C0 Wendland).
 ///
 /// Momenta below a thousandth of the largest of their field, and those of kernels that are smooth at 0, are not listed.
-/// One list for each axis and kernel of a sum that jumps, and one for the oriented momenta.
+/// One list for each axis, whose strength is the sum over the parts q of the kernel, and one for the oriented momenta.
 template <int Dim, class T>
 std::vector<JumpElements<Dim>> jump_elements(const MomentumScale<Dim, T>& scale, const MomentumPointers<T>& momenta);
 

@@ -221,7 +221,7 @@ template <int Dim>
 void expect_masked_samples_ignored(SimilarityType type) {
   const std::vector<double> weights = mask<Dim>();
   std::vector<double> fixed = random_waves<Dim>(lattice<Dim>(), 1), warped = random_waves<Dim>(lattice<Dim>(), 2);
-  std::vector<double> gradient(fixed.size()), changed(fixed.size());
+  std::vector<double> gradient(fixed.size()), changed(fixed.size()), weight_gradient(fixed.size());
   const auto similarity = make<Dim>(type);
   similarity->prepare(fixed.data(), warped.data(), weights.data());
   const double before = similarity->evaluate(fixed.data(), warped.data(), weights.data(), gradient.data(), nullptr);
@@ -233,6 +233,10 @@ void expect_masked_samples_ignored(SimilarityType type) {
   }
   similarity->prepare(fixed.data(), warped.data(), weights.data());
   EXPECT_EQ(similarity->evaluate(fixed.data(), warped.data(), weights.data(), changed.data(), nullptr), before);
+  EXPECT_EQ(changed, gradient);
+  // What showing such a sample would cost is no number; what is shown costs what it did.
+  EXPECT_EQ(similarity->evaluate(fixed.data(), warped.data(), weights.data(), changed.data(), weight_gradient.data()),
+            before);
   EXPECT_EQ(changed, gradient);
 }
 
@@ -288,6 +292,18 @@ TEST_P(SimilaritySuite, IsFiniteForValuesOutOfRange) {
     EXPECT_TRUE(std::isfinite(energy));
     EXPECT_LE(energy, traits(GetParam()).largest * lattice<2>().cell_volume() * lattice<2>().sites());
     for (double slope : gradient) ASSERT_TRUE(std::isfinite(slope));
+  }
+}
+
+// Whoever evaluates has to see it: no finite energy, or a gradient that is not.
+TEST_P(SimilaritySuite, HidesNoValueThatIsNoNumber) {
+  for (bool is_fixed : {false, true}) {
+    Pair<3> pair(GetParam(), lattice<3>(), {});
+    std::vector<double> fixed = pair.fixed, warped = pair.warped, gradient(fixed.size());
+    (is_fixed ? fixed : warped)[fixed.size() / 2] = std::nan("");
+    if (is_fixed) pair.similarity->prepare(fixed.data(), warped.data(), nullptr);
+    const double energy = pair.similarity->evaluate(fixed.data(), warped.data(), nullptr, gradient.data(), nullptr);
+    EXPECT_FALSE(std::isfinite(energy));
   }
 }
 

@@ -140,6 +140,36 @@ TEST(MemoryEstimate, IsABoundForEachPreset) {
   }
 }
 
+// What jumps is listed once, however many widths a kernel has: a list for each would be more than all else.
+TEST(MemoryEstimate, IsABoundForKernelsOfManyWidths) {
+  for (Model model : {Model::Wendland1, Model::Directional}) {
+    Case one(model, SimilarityType::Ssd);
+    one.options.pyramid.finest_level = 0;
+    one.options.momenta.sparsity = 0;
+    one.options.momenta.finest_scale = one.options.momenta.first_order_finest_scale = 0;
+    one.options.momenta.kernel_widths = {{6, 1}, {5, 1}, {4, 1}, {3, 1}};
+    if (model == Model::Directional) one.options.momenta.direction = {1, 0, 0};
+    EXPECT_LE(one.used_mib(), one.declared_mib()) << to_string(model);
+  }
+}
+
+// A moving image of many times the fixed one's sites, which is what a crop leaves, and masks on both.
+TEST(MemoryEstimate, IsABoundWhereTheMovingImageIsLarger) {
+  for (Preset preset : {Preset::Balanced, Preset::Accurate}) {
+    Case one(Model::Gaussian, SimilarityType::Ssd, preset, 4);
+    const Case small(Model::Gaussian, SimilarityType::Ssd, preset);
+    one.input.fixed = small.input.fixed;
+    one.add_masks();
+    EXPECT_LE(one.used_mib(), one.declared_mib()) << to_string(preset);
+  }
+}
+
+TEST(MemoryEstimate, IsABoundForManyBins) {
+  Case one(Model::Gaussian, SimilarityType::Mi);
+  one.options.similarity_parameters.mi_bins = 256;
+  EXPECT_LE(one.used_mib(), one.declared_mib());
+}
+
 // Oriented momenta at a fifth of the sites and more, beside all blocks: so little sparsity lets them join wherever
 // there is a ridge of shear. L-BFGS has all its pairs.
 TEST(MemoryEstimate, IsABoundWithManyOrientedMomenta) {

@@ -43,12 +43,13 @@ struct FaceSheet {
   }
 };
 
+/// `widths` are those of a kernel that is a sum of equal parts.
 template <int Dim>
-void expect_the_jump_of_the_velocity(int axis) {
+void expect_the_jump_of_the_velocity(int axis, const std::vector<double>& widths) {
   constexpr int at = 15;
-  // Wide enough for the velocity between two samples to be what it is beside the sheet, but for 1 - h / 2 sigma.
-  const double width = 12;
-  FaceSheet<Dim> sheet(axis, at, make_wendland_profile(width));
+  std::vector<KernelComponent> parts;
+  for (double width : widths) parts.push_back({1 / static_cast<double>(widths.size()), make_wendland_profile(width)});
+  FaceSheet<Dim> sheet(axis, at, KernelSum(std::move(parts)));
   const Lattice<Dim>& lattice = sheet.scale->lattice();
   std::vector<double> velocity(sheet.scale->field_size());
   sheet.scale->synthesise(nullptr, sheet.first.data(), velocity.data());
@@ -61,18 +62,26 @@ void expect_the_jump_of_the_velocity(int axis) {
     stride *= static_cast<std::size_t>(lattice.size[a]);
     x[a] = lattice.offset[a] + (i + (a == axis ? 0.5 : 0.0)) * lattice.spacing[a];
   }
-  const JumpDensity<Dim> density(sheet.elements());
+  const std::vector<JumpElements<Dim>> elements = sheet.elements();
+  ASSERT_EQ(elements.size(), 1u);  // whatever the kernel is made of
+  ASSERT_EQ(elements[0].spreads.size(), widths.size());
+  const JumpDensity<Dim> density(elements);
   const Vector<Dim> found = density.jump_across(x, Vector<Dim>::Unit(axis));
+  // They are so wide that the velocity between two samples is what it is beside the sheet, but for 1 - h / 2 sigma.
+  double sampled = 0;
+  for (const JumpSpread& spread : elements[0].spreads)
+    sampled += spread.share * (1 - lattice.spacing[axis] / (2 * spread.width_mm));
   for (int c = 0; c < Dim; ++c) {
     const double jump = velocity[Dim * (middle + step) + c] - velocity[Dim * middle + c];
-    const double sampled = 1 - lattice.spacing[axis] / (2 * width);
     EXPECT_NEAR(found[c] * sampled, jump, 1e-3 * std::abs(jump)) << axis << " " << c;
   }
 }
 
 TEST(JumpDensity, JumpsByWhatTheVelocityDoes) {
-  for (int axis : {0, 1}) expect_the_jump_of_the_velocity<2>(axis);
-  for (int axis : {0, 2}) expect_the_jump_of_the_velocity<3>(axis);
+  for (const std::vector<double>& widths : {std::vector<double>{12}, {12, 10}}) {
+    for (int axis : {0, 1}) expect_the_jump_of_the_velocity<2>(axis, widths);
+    for (int axis : {0, 2}) expect_the_jump_of_the_velocity<3>(axis, widths);
+  }
 }
 
 // A layer of elements, whose kernel may be narrower along the normal, one sample thick.
@@ -113,7 +122,10 @@ TEST(JumpDensity, KnowsNoneOfKernelsThatAreSmooth) {
 
 // Rows along the lattice's axes do what one element after the other does.
 TEST(JumpDensity, IsTheSameForElementsOneByOne) {
-  const auto rows = FaceSheet<3>(1, 15, make_wendland_profile(5)).elements();
+  std::vector<KernelComponent> parts;
+  parts.push_back({0.7, make_wendland_profile(5)});
+  parts.push_back({0.3, make_wendland_profile(3)});
+  const auto rows = FaceSheet<3>(1, 15, KernelSum(std::move(parts))).elements();
   auto single = rows;
   ASSERT_EQ(single.size(), 1u);
   EXPECT_EQ(single[0].axis, 1);
@@ -131,7 +143,7 @@ TEST(JumpDensity, IsTheSameForElementsOneByOne) {
 
 // Elements of one sheet on two lattices, one twice as coarse, add up.
 TEST(JumpDensity, AddsScales) {
-  JumpElements<2> fine{{{41, 41}, {1, 1}, {0, 0}}, 3, {}}, coarse{{{21, 21}, {2, 2}, {0, 0}}, 6, {}};
+  JumpElements<2> fine{{{41, 41}, {1, 1}, {0, 0}}, {{3, 1}}, {}}, coarse{{{21, 21}, {2, 2}, {0, 0}}, {{6, 1}}, {}};
   const Vector<2> n(0, 1), t(1, 0);
   for (int i = 0; i < 41; ++i) fine.list.push_back({Vector<2>(i, 20.5), n, 0.75 * t});
   for (int i = 0; i < 21; ++i) coarse.list.push_back({Vector<2>(2 * i, 21), n, 2 * 0.25 * t});
@@ -142,7 +154,7 @@ TEST(JumpDensity, AddsScales) {
 
 // Steps up and to the side, as momenta along the axes make of an oblique line: what they are is one line.
 TEST(JumpDensity, SeesTheSlopeOfAStaircase) {
-  JumpElements<2> steps{{{61, 61}, {1, 1}, {0, 0}}, 3, {}};
+  JumpElements<2> steps{{{61, 61}, {1, 1}, {0, 0}}, {{3, 1}}, {}};
   const Vector<2> jump(2, 1);
   for (int i = 5; i < 56; ++i) {
     // Two to the right, one up: each step has its length times the jump.
