@@ -11,6 +11,7 @@
 #include "client/cli/get_command.h"
 #include "client/cli/list_command.h"
 #include "client/cli/manual_page.h"
+#include "client/cli/output_errors.h"
 #include "client/cli/phantom_command.h"
 #include "client/cli/points_command.h"
 #include "client/cli/register_command.h"
@@ -37,7 +38,15 @@ int fail(ExitCode code, const std::string& message) {
   return code;
 }
 
-ExitCode exit_code_of(const client::ClientError& error) {
+/// The exit code of a command that has done its work: what it had to tell must have arrived too.
+int told_in_full(int exit_code) {
+  if (has_output_arrived()) return exit_code;
+  return fail(JobFailed,
+              "standard output cannot be written, so what the command tells is lost; make room where it goes, or keep "
+              "open what reads it");
+}
+
+ExitCode code_of_call(const client::ClientError& error) {
   switch (error.code()) {
     case grpc::StatusCode::UNAVAILABLE:
     case grpc::StatusCode::DEADLINE_EXCEEDED:
@@ -130,20 +139,20 @@ int run_command_line(int argument_count, const char* const* arguments) {
   try {
     use_settings(app, argument_count, arguments);
     app.parse(argument_count, arguments);
-    return exit_code;
+    return told_in_full(exit_code);
   } catch (const CLI::ExtrasError& error) {
     app.exit(error);
     std::cerr << suggestions(app)
               << "What a command works on is named by options, such as --fixed A --moving B --out DIR." << std::endl;
     return Usage;
   } catch (const CLI::ParseError& error) {
-    if (app.exit(error) == 0) return Done;  // help was asked for
+    if (app.exit(error) == 0) return told_in_full(Done);  // help was asked for
     std::cerr << suggestions(app) << std::flush;
     return Usage;
   } catch (const InvalidInput& error) {
     return fail(Usage, error.what());
   } catch (const client::ClientError& error) {
-    return fail(exit_code_of(error), error.what());
+    return fail(code_of_call(error), error.what());
   } catch (const std::exception& error) {
     return fail(JobFailed, error.what());
   }

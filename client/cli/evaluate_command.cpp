@@ -61,7 +61,8 @@ nlohmann::json score(const EvaluateOptions& options, const std::filesystem::path
   result["finite"] = std::all_of(displacement.samples.begin(), displacement.samples.end(),
                                  [](float value) { return std::isfinite(value); });
   if (!options.fixed_points.empty()) {
-    const PointsPlace<Dim> place{"--fixed-points", "fixed image", displacement.grid};
+    PointsPlace<Dim> place{"--fixed-points", "fixed image", displacement.grid};
+    place.format = options.points_format;
     ImageGrid<Dim> moving_grid = displacement.grid;
     // Only voxel indices need to know where the moving image is.
     if (options.points_format.unit == "voxel")

@@ -90,8 +90,9 @@ void check(const JobOptions& options) {
   if (options.affine == "none") refuse("overlap", overlap_suspicion(fixed, moving));
   if (options.fixed_points.empty()) return;
   const std::string swapped = "the two landmark files seem to be swapped: exchange --fixed-points and --moving-points";
-  const PointsPlace<Dim> places[] = {{"--fixed-points", "fixed image", fixed, moving, swapped},
-                                     {"--moving-points", "moving image", moving, fixed, swapped}};
+  const PointsPlace<Dim> places[] = {
+      {"--fixed-points", "fixed image", fixed, moving, swapped, options.points_format},
+      {"--moving-points", "moving image", moving, fixed, swapped, options.points_format}};
   const std::string* const files[] = {&options.fixed_points, &options.moving_points};
   for (int i = 0; i < 2; ++i)
     refuse("points",
@@ -126,14 +127,26 @@ std::string points_suspicion(const std::vector<Vector<Dim>>& points, const Point
   const auto inside = std::lround(share_inside(points, place.grid) * static_cast<double>(points.size()));
   std::string text = place.option + " has " + std::to_string(points.size()) + " points, of which " +
                      std::to_string(inside) + " lie in the " + place.image + "; ";
-  std::vector<Vector<Dim>> as_indices;
-  for (const Vector<Dim>& point : points) as_indices.push_back(place.grid.to_world(point));
-  if (share_inside(with_other_axes(points), place.grid) >= most_of_them)
-    return text + "with x and y negated they do, so they seem to be RAS: add --points-space ras.";
-  if (place.other && share_inside(points, *place.other) >= most_of_them) return text + place.other_way + ".";
-  if (share_inside(as_indices, place.grid) >= most_of_them)
-    return text + "taken as voxel indices they do: add --points-unit voxel.";
-  return text + "they must be world mm (LPS) of that image, which spans " + box_text(place.grid) + ".";
+  const auto most_lie_in = [](const std::vector<Vector<Dim>>& tried, const ImageGrid<Dim>& grid) {
+    return share_inside(tried, grid) >= most_of_them;
+  };
+  const bool is_ras = place.format.space == "ras", is_voxel = place.format.unit == "voxel";
+  if (!is_voxel && most_lie_in(with_other_axes(points), place.grid))
+    return text + (is_ras ? "as they stand in the file they do, so they seem to be LPS: leave --points-space ras out."
+                          : "with x and y negated they do, so they seem to be RAS: add --points-space ras.");
+  if (place.other && most_lie_in(points, *place.other)) return text + place.other_way + ".";
+  std::vector<Vector<Dim>> in_other_unit;
+  for (const Vector<Dim>& point : is_ras ? with_other_axes(points) : points)
+    in_other_unit.push_back(is_voxel ? place.grid.to_index(point) : place.grid.to_world(point));
+  if (most_lie_in(in_other_unit, place.grid)) {
+    if (is_voxel) return text + "taken as world mm they do: leave --points-unit voxel out.";
+    return text + "taken as voxel indices they do: " +
+           (is_ras ? "give --points-unit voxel in place of --points-space ras." : "add --points-unit voxel.");
+  }
+  if (is_voxel)
+    return text + "they must be voxel indices of that image, which has " + size_text<Dim>(place.grid.size) + " voxels.";
+  return text + "they must be world mm (" + (is_ras ? "RAS" : "LPS") + ") of that image, which spans " +
+         (is_ras ? "in LPS " : "") + box_text(place.grid) + ".";
 }
 
 void check_inputs(const JobOptions& options) {

@@ -28,10 +28,11 @@ struct PointsPlace {
   ImageGrid<Dim> grid;                       ///< of that image
   std::optional<ImageGrid<Dim>> other = {};  ///< where they would lie if they were taken the wrong way round
   std::string other_way = {};                ///< what to do then
+  PointsFormat format = {};                  ///< that they were read as
 };
 
-/// More than half of the points, world mm (LPS), lie outside of their image. Tries whether they would lie in it as RAS
-/// or as voxel indices, or in the other image, and names the option for it.
+/// More than half of the points, world mm (LPS), lie outside of their image. Tries whether they would lie in it in
+/// other axes or the other unit than they were read in, or in the other image, and names the option for it.
 template <int Dim>
 std::string points_suspicion(const std::vector<Vector<Dim>>& points, const PointsPlace<Dim>& place);
 

@@ -15,7 +15,7 @@ constexpr char signal_mark = 's', end_mark = 'e';
 
 // A handler may do next to nothing; it writes one byte for the thread to read.
 int write_end = -1;
-struct sigaction former_int, former_term;
+struct sigaction former_int, former_term, former_hup;
 
 void on_signal(int) {
   const int saved = errno;
@@ -44,11 +44,15 @@ Interrupts::Interrupts(std::function<void(int)> on_interrupt) : on_interrupt_(st
   action.sa_flags = SA_RESTART;
   sigaction(SIGINT, &action, &former_int);
   sigaction(SIGTERM, &action, &former_term);
+  // What nohup has started goes on when its terminal has gone.
+  sigaction(SIGHUP, nullptr, &former_hup);
+  if (former_hup.sa_handler != SIG_IGN) sigaction(SIGHUP, &action, nullptr);
 }
 
 Interrupts::~Interrupts() {
   sigaction(SIGINT, &former_int, nullptr);
   sigaction(SIGTERM, &former_term, nullptr);
+  sigaction(SIGHUP, &former_hup, nullptr);
   [[maybe_unused]] const ssize_t written = write(write_end, &end_mark, 1);
   thread_.join();
   close(read_end_);

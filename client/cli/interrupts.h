@@ -6,8 +6,9 @@
 
 namespace saltus::cli {
 
-/// Turns SIGINT and SIGTERM into calls of `on_interrupt(count)` on a thread of its own, where anything may be called;
-/// count is 1 for the first signal. One object at a time; the former handlers come back when it ends.
+/// Turns SIGINT, SIGTERM and SIGHUP into calls of `on_interrupt(count)` on a thread of its own, where anything may be
+/// called; count is 1 for the first signal. SIGHUP comes when the terminal has gone, and stays ignored where it was.
+/// One object at a time; the former handlers come back when it ends.
 class Interrupts {
  public:
   explicit Interrupts(std::function<void(int count)> on_interrupt);

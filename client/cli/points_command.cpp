@@ -27,8 +27,10 @@ struct PointsCommandOptions {
 /// Throws InvalidInput when most of the points are elsewhere.
 template <int Dim>
 void require_in_image(const std::vector<Vector<Dim>>& points, const ImageGrid<Dim>& grid,
-                      const TransformOptions& transform) {
+                      const PointsCommandOptions& options) {
+  const TransformOptions& transform = options.transform;
   PointsPlace<Dim> place{"--in", transform.is_inverse ? "moving image" : "fixed image", grid};
+  place.format = options.format;
   if (points_suspicion(points, place).empty()) return;
   const auto other_way = transform.is_inverse ? TransformDirection::Forward : TransformDirection::Inverse;
   try {
@@ -46,7 +48,7 @@ int carry_points(const PointsCommandOptions& options, const std::filesystem::pat
   const TransformOptions& transform = options.transform;
   const VectorVolume<Dim> displacement = read_displacement<Dim>(file);
   const auto points = read_points_as<Dim>(options.format, transform.in, displacement.grid);
-  if (!options.is_allowed) require_in_image(points, displacement.grid, transform);
+  if (!options.is_allowed) require_in_image(points, displacement.grid, options);
   const auto moved = transform_points(displacement, points);
   write_points(transform.out, in_space_of(options.format, moved));
   if (options.as_json)

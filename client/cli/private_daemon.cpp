@@ -30,20 +30,10 @@ using Clock = std::chrono::steady_clock;
 
 constexpr std::chrono::seconds start_patience{20};
 constexpr std::chrono::seconds stop_patience{15};
-constexpr int most_threads = 1024;                // that saltusd can be given; it refuses the job itself
-constexpr std::size_t longest_socket_path = 107;  // sun_path of unix(7), less its final zero
+constexpr int most_threads = 1024;  // that saltusd can be given; it refuses the job itself
 
 [[noreturn]] void fail(const std::string& what) {
   throw FileError("the private saltusd could not be started: " + what + "; use --server to name a running one");
-}
-
-fs::path make_folder() {
-  for (const fs::path& parent : {fs::temp_directory_path(), fs::path("/tmp")}) {
-    std::string name = parent / "saltus-XXXXXX";
-    if (name.size() + std::strlen("/socket") > longest_socket_path) continue;
-    if (mkdtemp(name.data())) return name;
-  }
-  fail(std::string("no temporary folder can be made: ") + std::strerror(errno));
 }
 
 std::string last_line(const fs::path& file) {
@@ -96,12 +86,10 @@ fs::path find_daemon() {
       "saltusd is not found beside this program, on the PATH or in $SALTUS_BIN; set SALTUS_BIN to its folder");
 }
 
-PrivateDaemon::PrivateDaemon(const Work& work) {
-  const fs::path program = find_daemon();
-  folder_ = make_folder();
-  address_ = "unix:" + (folder_ / "socket").string();
+PrivateDaemon::PrivateDaemon(const Work& work)
+    : program_(find_daemon()), address_("unix:" + folder_.socket().string()) {
   try {
-    start(program, work);
+    start(work);
     wait_until_it_listens();
   } catch (...) {
     stop();
@@ -112,34 +100,37 @@ PrivateDaemon::PrivateDaemon(const Work& work) {
 PrivateDaemon::~PrivateDaemon() { stop(); }
 
 /// That no other one holds the lock; from now on this one does, as long as it lives.
-bool PrivateDaemon::is_first(const fs::path& program) {
-  presence_ = ::open(program.c_str(), O_RDONLY | O_CLOEXEC);
+bool PrivateDaemon::is_first() {
+  presence_ = ::open(program_.c_str(), O_RDONLY | O_CLOEXEC);
   if (presence_ < 0) return false;
   const bool is_first = ::flock(presence_, LOCK_EX | LOCK_NB) == 0;
   ::flock(presence_, LOCK_SH | LOCK_NB);  // where that fails, another one is just looking
   return is_first;
 }
 
-void PrivateDaemon::start(const fs::path& program, const Work& work) {
+void PrivateDaemon::start(const Work& work) {
   release_thread();
   const Pipe to_daemon = make_pipe();
   stdin_write_end_ = to_daemon.write_end;
   const Pipe from_daemon = make_pipe();
   stdout_read_end_ = from_daemon.read_end;
-  const std::string log = folder_ / "log";
+  const std::string log = folder_.path() / "log";
 
   posix_spawn_file_actions_t files;
   posix_spawn_file_actions_init(&files);
   posix_spawn_file_actions_adddup2(&files, to_daemon.read_end, STDIN_FILENO);
   posix_spawn_file_actions_adddup2(&files, from_daemon.write_end, STDOUT_FILENO);
   posix_spawn_file_actions_addopen(&files, STDERR_FILENO, log.c_str(), O_WRONLY | O_CREAT | O_APPEND, 0600);
+  // The daemon holds the folder too, as long as it lives. To itself: it then stays open in the daemon.
+  if (folder_.lock() >= 0) posix_spawn_file_actions_adddup2(&files, folder_.lock(), folder_.lock());
   posix_spawnattr_t attributes;
   posix_spawnattr_init(&attributes);
   // A group of its own: Ctrl-C is for this program, which cancels the job before it ends the daemon.
   posix_spawnattr_setpgroup(&attributes, 0);
   posix_spawnattr_setflags(&attributes, POSIX_SPAWN_SETPGROUP);
 
-  std::vector<std::string> words{program, "--listen", address_, "--data", folder_ / "data", "--exit-on-stdin-close",
+  std::vector<std::string> words{program_, "--listen", address_, "--data", folder_.path() / "data",
+                                 "--exit-on-stdin-close",
                                  // It goes with this command, so it need not leave room for a day's work.
                                  "--disk-reserve", "64M", "--slots", std::to_string(work.jobs)};
   // A job that names no number of threads gets its share of the cores, so one alone has them all. One that does gets
@@ -147,19 +138,19 @@ void PrivateDaemon::start(const fs::path& program, const Work& work) {
   // tells it that others may want them (server/launch/local_launcher.cpp).
   const int cores = available_cores();
   const int each = work.threads > 0 ? std::min(work.threads, most_threads) : std::max(1, cores / work.jobs);
-  const int all = is_first(program) || work.jobs > 1 ? std::max(cores, each) : most_threads;
+  const int all = is_first() || work.jobs > 1 ? std::max(cores, each) : most_threads;
   words.insert(words.end(), {"--threads-per-job", std::to_string(each), "--threads", std::to_string(all)});
   std::vector<char*> arguments;
   for (std::string& word : words) arguments.push_back(word.data());
   arguments.push_back(nullptr);
-  const int error = posix_spawn(&process_, program.c_str(), &files, &attributes, arguments.data(), environ);
+  const int error = posix_spawn(&process_, program_.c_str(), &files, &attributes, arguments.data(), environ);
   posix_spawnattr_destroy(&attributes);
   posix_spawn_file_actions_destroy(&files);
   close(to_daemon.read_end);
   close(from_daemon.write_end);
   if (error != 0) {
     process_ = -1;
-    fail(program.string() + ": " + std::strerror(error));
+    fail(program_.string() + ": " + std::strerror(error));
   }
 }
 
@@ -176,7 +167,7 @@ void PrivateDaemon::wait_until_it_listens() {
     const ssize_t got = read(stdout_read_end_, buffer, sizeof buffer);
     if (got < 0 && errno == EINTR) continue;
     if (got <= 0) {
-      const std::string reason = last_line(folder_ / "log");
+      const std::string reason = last_line(folder_.path() / "log");
       fail(reason.empty() ? "it ended at once" : reason);
     }
     output.append(buffer, static_cast<std::size_t>(got));
@@ -193,8 +184,6 @@ void PrivateDaemon::stop() {
   if (presence_ >= 0) close(presence_);
   stdin_write_end_ = stdout_read_end_ = presence_ = -1;
   process_ = -1;
-  std::error_code ignored;  // nothing can be done about a folder that cannot be removed, and nothing depends on it
-  fs::remove_all(folder_, ignored);
 }
 
 }  // namespace saltus::cli

@@ -1,5 +1,7 @@
 #pragma once
 
+#include "client/cli/daemon_folder.h"
+
 #include <filesystem>
 #include <string>
 
@@ -29,12 +31,13 @@ class PrivateDaemon {
   const std::string& address() const { return address_; }
 
  private:
-  bool is_first(const std::filesystem::path& program);
-  void start(const std::filesystem::path& program, const Work& work);
+  bool is_first();
+  void start(const Work& work);
   void wait_until_it_listens();
   void stop();
 
-  std::filesystem::path folder_;
+  std::filesystem::path program_;
+  DaemonFolder folder_;  ///< removed when the daemon has ended
   std::string address_;
   pid_t process_ = -1;
   int presence_ = -1;  ///< what all private daemons of a program hold a lock on, the program itself

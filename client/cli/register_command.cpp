@@ -15,6 +15,7 @@
 #include <CLI/CLI.hpp>
 #include <nlohmann/json.hpp>
 
+#include <algorithm>
 #include <iostream>
 #include <memory>
 #include <optional>
@@ -26,7 +27,8 @@ struct RegisterOptions {
   JobOptions job;
   std::string pairs;  ///< a list of pairs in place of one
   std::string out;
-  int jobs = 0;  ///< of a list, as in PairsRequest
+  int jobs = 0;                ///< of a list, as in PairsRequest
+  bool is_jobs_typed = false;  ///< on the command line; what stands in the environment or a file is for lists alone
   ServerChoice server;
   bool as_json = false;
 };
@@ -65,7 +67,8 @@ int register_images(const RegisterOptions& options) {
     return Done;
   }
   if (options.pairs.empty()) {
-    if (options.jobs != 0) throw InvalidInput("--jobs is given without --pairs; one pair is one job");
+    if (options.is_jobs_typed && options.jobs != 0)
+      throw InvalidInput("--jobs is given without --pairs; one pair is one job");
     make_spec(options.job);  // what is wrong with the job itself is said first
     if (options.out.empty()) throw InvalidInput("--out is missing; name a folder for the result");
     return register_one(options);
@@ -87,7 +90,7 @@ void add_register_command(CLI::App& app, int& exit_code) {
                    "fixed_mask, moving_mask, fixed_points, moving_points; run again, it goes on where it ended")
       ->type_name("CSV")
       ->check(CLI::ExistingFile);
-  add_jobs_option(*command, options->jobs);
+  const CLI::Option* const jobs = add_jobs_option(*command, options->jobs);
   command
       ->add_option("--out", options->out,
                    "Folder for the result, made if need be (required); with --pairs one below it for each pair")
@@ -111,7 +114,12 @@ void add_register_command(CLI::App& app, int& exit_code) {
       "  saltus register --fixed a.mha --moving b.mha --fixed-points a.csv --moving-points b.csv \\\n"
       "      --points-space ras --out result\n"
       "  saltus register --model wendland1 --set help");
-  command->callback([options, &exit_code] { exit_code = register_images(*options); });
+  command->callback([options, command, jobs, &exit_code] {
+    // The parser enters here what it has read from the command line, and nothing else.
+    const std::vector<CLI::Option*>& typed = command->parse_order();
+    options->is_jobs_typed = std::find(typed.begin(), typed.end(), jobs) != typed.end();
+    exit_code = register_images(*options);
+  });
 }
 
 }  // namespace saltus::cli

@@ -215,10 +215,11 @@ void write_summary(const std::vector<Outcome>& outcomes, const fs::path& folder)
 
 }  // namespace
 
-void add_jobs_option(CLI::App& app, int& jobs) {
-  app.add_option("--jobs", jobs,
-                 "Pairs at the same time; 0: as many as there are cores, on a server as many as it has slots. The\n"
-                 "private daemon shares the cores out among them")
+CLI::Option* add_jobs_option(CLI::App& app, int& jobs) {
+  return app
+      .add_option("--jobs", jobs,
+                  "Pairs at the same time; 0: as many as there are cores, on a server as many as it has slots, at\n"
+                  "most 8. The private daemon shares the cores out among them")
       ->type_name("N")
       ->check(CLI::Range(0, 1024))
       ->capture_default_str();
@@ -285,6 +286,13 @@ std::string list_progress(const ListProgress& progress) {
   return text.str();
 }
 
+int jobs_on_server(int worker_slots) {
+  // What a server takes of one certificate at the same time, in uploads and in downloads; it refuses more, and a list
+  // ends with what is refused for longer than the client tries again (server/rpc/limits.h).
+  constexpr int most_at_once = 8;
+  return worker_slots > 0 ? std::min(worker_slots, most_at_once) : most_at_once;
+}
+
 namespace {
 
 int threads_of_a_job(const std::vector<Pair>& pairs) {
@@ -296,14 +304,12 @@ int threads_of_a_job(const std::vector<Pair>& pairs) {
 /// Of those that are left as many as get all of them done first: with one thread each, two cores do more than with both
 /// for one after the other (deploy/README.md, "Many pairs on one machine").
 int jobs_at_once(const std::vector<Pair>& pairs, const PairsRequest& request, std::size_t left) {
-  constexpr int uncounted = 8;  // of a server that leaves it to Slurm how many run
   int most = request.jobs;
   if (most == 0 && request.server.address.empty()) {
     most = available_cores() / std::max(1, threads_of_a_job(pairs));
   } else if (most == 0) {
     client::RegistrationClient server(call_settings(request.server));
-    most = server.server_info().worker_slots();
-    if (most == 0) most = uncounted;
+    most = jobs_on_server(server.server_info().worker_slots());
   }
   return static_cast<int>(std::min(left, static_cast<std::size_t>(std::max(1, most))));
 }
@@ -368,7 +374,7 @@ class PairList {
     std::lock_guard lock(mutex_);
     std::erase_if(progress_.running, [&](const RunningPair& one) { return one.name == pair.name; });
     Outcome& outcome = outcomes_[i];
-    if (const int code = exit_code_of(job); code == Cancelled) {
+    if (const int code = exit_code_of(job, pair.name); code == Cancelled) {
       is_cancelled_ = true;
     } else {
       outcome.state = code == Done ? "done" : "failed";

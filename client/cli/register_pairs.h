@@ -9,7 +9,8 @@
 
 namespace CLI {
 class App;
-}
+class Option;
+}  // namespace CLI
 
 namespace saltus::cli {
 
@@ -20,7 +21,7 @@ struct Pair {
 };
 
 /// Adds --jobs.
-void add_jobs_option(CLI::App& app, int& jobs);
+CLI::Option* add_jobs_option(CLI::App& app, int& jobs);
 
 /// Reads a list of pairs: CSV with a header that has `fixed` and `moving` and may have `name`, `fixed_mask`,
 /// `moving_mask`, `fixed_points` and `moving_points`, in any order; quotes as in RFC 4180; paths from the list's
@@ -38,7 +39,7 @@ struct PairsRequest {
   std::string pairs;
   std::filesystem::path out;
   bool as_json = false;
-  int jobs = 0;  ///< at the same time; 0: as many as there are cores, on a server as many as it has slots
+  int jobs = 0;  ///< at the same time; 0: as many as there are cores, on a server jobs_on_server
   PairsOutput output = PairsOutput::Summary;
 };
 
@@ -50,6 +51,10 @@ int register_pairs(const PairsRequest& request);
 
 /// The same with pairs that are made already; `request.pairs` is not read.
 int register_pairs(const std::vector<Pair>& pairs, const PairsRequest& request);
+
+/// How many pairs run at the same time on a server with so many slots, unless another number is asked for: one for each
+/// slot, as far as one client may have that many streams. 0 slots: Slurm decides how many run.
+int jobs_on_server(int worker_slots);
 
 /// A pair that is being registered.
 struct RunningPair {

@@ -12,7 +12,7 @@ namespace saltus::cli {
 namespace {
 
 /// The number at `path`, e.g. "/jacobian/min", in three significant digits; "-" when the report does not have it.
-std::string number(const nlohmann::json& report, const std::string& path, double factor = 1) {
+std::string number_in(const nlohmann::json& report, const std::string& path, double factor = 1) {
   const nlohmann::json::json_pointer pointer(path);
   if (!report.contains(pointer) || !report.at(pointer).is_number()) return "-";
   std::ostringstream text;
@@ -42,18 +42,19 @@ std::string report_summary(const nlohmann::json& report) {
     text << std::left << std::setw(14) << name << value << '\n';
   };
   line("model", word(report, "model") + ", " + word(report, "similarity") + ", " + word(report, "preset"));
-  line("ended", word(report, "termination") + " after " + number(report, "/seconds/wall") + " s (" +
-                    number(report, "/seconds/cpu") + " s of CPU, " + number(report, "/peak_memory_bytes", 1e-6) +
+  line("ended", word(report, "termination") + " after " + number_in(report, "/seconds/wall") + " s (" +
+                    number_in(report, "/seconds/cpu") + " s of CPU, " + number_in(report, "/peak_memory_bytes", 1e-6) +
                     " MB)");
-  line("similarity", number(report, "/similarity_value/before") + " -> " + number(report, "/similarity_value/after"));
+  line("similarity",
+       number_in(report, "/similarity_value/before") + " -> " + number_in(report, "/similarity_value/after"));
   if (report.contains("landmark_error_mm"))
-    line("landmarks", number(report, "/landmark_error_mm/before/mean") + " -> " +
-                          number(report, "/landmark_error_mm/after/mean") + " mm mean error");
-  line("displacement",
-       number(report, "/displacement_mm/mean") + " mm mean, " + number(report, "/displacement_mm/max") + " mm at most");
-  line("jacobian", number(report, "/jacobian/min") + " to " + number(report, "/jacobian/max") + ", " +
-                       number(report, "/jacobian/share_not_positive", 100) + " % not positive");
-  line("inverse", number(report, "/inverse_consistency_mm") + " mm median error");
+    line("landmarks", number_in(report, "/landmark_error_mm/before/mean") + " -> " +
+                          number_in(report, "/landmark_error_mm/after/mean") + " mm mean error");
+  line("displacement", number_in(report, "/displacement_mm/mean") + " mm mean, " +
+                           number_in(report, "/displacement_mm/max") + " mm at most");
+  line("jacobian", number_in(report, "/jacobian/min") + " to " + number_in(report, "/jacobian/max") + ", " +
+                       number_in(report, "/jacobian/share_not_positive", 100) + " % not positive");
+  line("inverse", number_in(report, "/inverse_consistency_mm") + " mm median error");
   if (report.contains("notices"))
     for (const nlohmann::json& notice : report.at("notices")) line("notice", notice.get<std::string>());
   return text.str();

@@ -2,6 +2,7 @@
 
 #include "client/cli/command.h"
 #include "client/cli/job_output.h"
+#include "client/cli/result_files.h"
 #include "core/support/errors.h"
 
 #include <iostream>
@@ -13,7 +14,9 @@ std::vector<std::filesystem::path> fetch_artifacts(client::RegistrationClient& c
   std::error_code error;
   std::filesystem::create_directories(folder, error);
   if (error) throw FileError("--out is " + folder.string() + ", which cannot be made: " + error.message());
+  const bool had_result = holds_result(folder);
   std::vector<std::filesystem::path> files;
+  std::vector<std::string> names;
   for (const v1::Artifact& artifact : job.artifacts()) {
     const std::filesystem::path name = artifact.name();
     // The names come over the wire; one that leaves the folder is never followed.
@@ -23,13 +26,22 @@ std::vector<std::filesystem::path> fetch_artifacts(client::RegistrationClient& c
           "the server offers an artefact called " + artifact.name() + ", which is not a file name");
     client.download(artifact, folder / name);
     files.push_back(folder / name);
+    names.push_back(name);
+  }
+  // Only now that all of the new result is there.
+  for (const std::filesystem::path& file :
+       had_result ? outdated_files(folder, names) : std::vector<std::filesystem::path>()) {
+    std::filesystem::remove(file, error);
+    if (error)
+      throw FileError("the new result is in " + folder.string() + ", but " + file.string() +
+                      " of an earlier one cannot be removed (" + error.message() + "); remove it");
   }
   return files;
 }
 
-int exit_code_of(const v1::RegistrationJob& job) {
+int exit_code_of(const v1::RegistrationJob& job, const std::string& pair) {
   if (job.state() == v1::JOB_STATE_SUCCEEDED) return Done;
-  std::cerr << "saltus: " << failure_line(job) << std::endl;
+  std::cerr << "saltus: " << (pair.empty() ? "" : "pair " + pair + ": ") << failure_line(job) << std::endl;
   return job.state() == v1::JOB_STATE_CANCELLED ? Cancelled : JobFailed;
 }
 

@@ -5,7 +5,9 @@
 #include "client/cli/input_check.h"
 #include "client/cli/job_options.h"
 #include "client/cli/job_output.h"
+#include "client/cli/output_errors.h"
 #include "client/cli/queue_options.h"
+#include "core/support/errors.h"
 
 #include <CLI/CLI.hpp>
 #include <nlohmann/json.hpp>
@@ -39,6 +41,8 @@ int submit(const SubmitOptions& options) {
     std::cout << job_json(job).dump(2) << std::endl;
   else
     std::cout << job.id() << std::endl;
+  if (!has_output_arrived())
+    throw FileError("standard output cannot be written; the job was made all the same, and its id is " + job.id());
   return Done;
 }
 

@@ -17,8 +17,19 @@ fs::path displacement_file(const fs::path& transform, TransformDirection directi
     return transform;
   }
   const std::string name = direction == TransformDirection::Inverse ? "inverse_displacement" : "displacement";
-  for (const char* suffix : {".mha", ".nii.gz", ".nii", ".nrrd"})
-    if (const fs::path file = transform / (name + suffix); fs::exists(file)) return file;
+  std::string found, last;
+  for (const char* suffix : {".mha", ".nii.gz", ".nii", ".nrrd"}) {
+    if (!fs::exists(transform / (name + suffix))) continue;
+    found += (found.empty() ? "" : " and ") + name + suffix;
+    last = name + suffix;
+  }
+  // Of two registrations, of which nothing here says which was the last.
+  if (found != last)
+    throw InvalidInput(
+        "--transform is " + transform.string() + ", which holds " + found + "; name one of them with " +
+        (direction == TransformDirection::Inverse ? "--transform and leave --inverse out" : "--transform") +
+        ", or remove the old one");
+  if (!found.empty()) return transform / found;
   if (const fs::path file = transform / "transform.h5"; direction == TransformDirection::Forward && fs::exists(file))
     return file;
   throw FileError(transform.string() + " holds no " + name +

@@ -14,8 +14,8 @@ enum class TransformDirection { Forward, Inverse };
 
 /// The displacement field that `transform` names: the file itself, or in a folder made by `saltus register` its
 /// displacement or inverse_displacement (.mha, .nii.gz, .nii or .nrrd), or, forward, its transform.h5 when only that is
-/// there; read_displacement reads them all. Throws FileError when there is none, and
-/// InvalidInput when `direction` is Inverse and `transform` is a file, since its inverse is not known.
+/// there; read_displacement reads them all. Throws FileError when there is none, and InvalidInput when there is one in
+/// more than one format, or when `direction` is Inverse and `transform` is a file, since its inverse is not known.
 std::filesystem::path displacement_file(const std::filesystem::path& transform, TransformDirection direction);
 
 /// What points and warp share.

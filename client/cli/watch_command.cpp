@@ -2,8 +2,10 @@
 
 #include "client/cli/connection.h"
 #include "client/cli/job_output.h"
+#include "client/cli/output_errors.h"
 #include "client/cli/progress_display.h"
 #include "client/cli/run_job.h"
+#include "core/support/errors.h"
 
 #include <CLI/CLI.hpp>
 #include <nlohmann/json.hpp>
@@ -24,8 +26,13 @@ int watch(const WatchOptions& options) {
   client::RegistrationClient client(call_settings(options.server));
   v1::RegistrationJob job;
   if (options.as_json) {
-    job = client.watch(options.id,
-                       [](const v1::RegistrationJob& now) { std::cout << job_json(now).dump() << std::endl; });
+    job = client.watch(options.id, [](const v1::RegistrationJob& now) {
+      std::cout << job_json(now).dump() << std::endl;
+      // Nobody reads on, so there is nobody to watch for.
+      if (!has_output_arrived())
+        throw FileError("standard output cannot be written, so job " + now.id() +
+                        " is not watched any more; it goes on");
+    });
   } else {
     ProgressDisplay display(std::cerr, display_style_of_stderr());
     job = client.watch(options.id, [&display](const v1::RegistrationJob& now) { display.show(now); });

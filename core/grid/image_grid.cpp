@@ -55,7 +55,7 @@ double largest_distance(const ImageGrid<Dim>& a, const ImageGrid<Dim>& b) {
 }
 
 template <int Dim>
-std::vector<std::string> problems(const ImageGrid<Dim>& grid) {
+std::vector<std::string> problems(const ImageGrid<Dim>& grid, double direction_tolerance) {
   std::vector<std::string> found;
   auto report = [&found](const auto&... parts) {
     std::ostringstream text;
@@ -68,10 +68,9 @@ std::vector<std::string> problems(const ImageGrid<Dim>& grid) {
       report("spacing[", axis, "] is ", grid.spacing[axis], "; it must be finite and positive");
     if (!std::isfinite(grid.origin[axis])) report("origin[", axis, "] is ", grid.origin[axis], "; it must be finite");
   }
-  // Headers store single-precision direction cosines, so orthonormality is only asked for to 1e-3.
   const double deviation =
       (grid.direction.transpose() * grid.direction - Matrix<Dim>::Identity()).cwiseAbs().maxCoeff();
-  if (!(deviation <= 1e-3))
+  if (!(deviation <= direction_tolerance))
     report("direction deviates from orthonormal by ", deviation, "; its columns must be perpendicular unit vectors");
   return found;
 }
@@ -82,7 +81,7 @@ template std::string size_text<2>(const Index<2>&);
 template std::string size_text<3>(const Index<3>&);
 template double largest_distance(const ImageGrid<2>&, const ImageGrid<2>&);
 template double largest_distance(const ImageGrid<3>&, const ImageGrid<3>&);
-template std::vector<std::string> problems(const ImageGrid<2>&);
-template std::vector<std::string> problems(const ImageGrid<3>&);
+template std::vector<std::string> problems(const ImageGrid<2>&, double);
+template std::vector<std::string> problems(const ImageGrid<3>&, double);
 
 }  // namespace saltus

@@ -45,8 +45,15 @@ std::string size_text(const Index<Dim>& size);
 template <int Dim>
 double largest_distance(const ImageGrid<Dim>& a, const ImageGrid<Dim>& b);
 
-/// Every reason why `grid` cannot be used (empty, non-finite or non-positive spacing, direction not orthonormal).
+/// How far direction cosines may be off those of a rotation: their transpose is taken for their inverse, which a
+/// thousand voxels further is off by a thousand times as much.
+inline constexpr double kExactDirection = 1e-6;
+/// As headers round them.
+inline constexpr double kRoundedDirection = 1e-3;
+
+/// Every reason why `grid` cannot be used (empty, non-finite or non-positive spacing, direction not orthonormal to
+/// this).
 template <int Dim>
-std::vector<std::string> problems(const ImageGrid<Dim>& grid);
+std::vector<std::string> problems(const ImageGrid<Dim>& grid, double direction_tolerance = kExactDirection);
 
 }  // namespace saltus

@@ -30,9 +30,18 @@ Lattice<Dim> coarsened(const Lattice<Dim>& image, double target_mm) {
   return coarse;
 }
 
+template <int Dim>
+double cell_along(const Lattice<Dim>& lattice, const Vector<Dim>& direction) {
+  double square = 0;
+  for (int a = 0; a < Dim; ++a) square += std::pow(direction[a] * lattice.spacing[a], 2);
+  return std::sqrt(square);
+}
+
 template Lattice<2> lattice_of(const ImageGrid<2>&);
 template Lattice<3> lattice_of(const ImageGrid<3>&);
 template Lattice<2> coarsened(const Lattice<2>&, double);
 template Lattice<3> coarsened(const Lattice<3>&, double);
+template double cell_along(const Lattice<2>&, const Vector<2>&);
+template double cell_along(const Lattice<3>&, const Vector<3>&);
 
 }  // namespace saltus

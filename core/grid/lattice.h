@@ -40,6 +40,10 @@ Lattice<Dim> lattice_of(const ImageGrid<Dim>& grid);
 template <int Dim>
 Lattice<Dim> coarsened(const Lattice<Dim>& image, double target_mm);
 
+/// Width of a site's cell along a direction, mm: that of a cube is the same for all.
+template <int Dim>
+double cell_along(const Lattice<Dim>& lattice, const Vector<Dim>& direction);
+
 /// A vector per site, components together: values[Dim * site + component]. It begins with a cache line, so that a
 /// register that is loaded from it lies in one.
 template <class T>

@@ -24,7 +24,7 @@ ImageGrid<Dim> grid_of(const ImageFileHeader& header, const std::filesystem::pat
     grid.origin[axis] = header.origin[axis];
     for (int row = 0; row < Dim; ++row) grid.direction(row, axis) = header.direction[axis][row];
   }
-  if (const auto found = problems(grid); !found.empty()) refuse(path, found.front());
+  if (const auto found = problems(grid, kRoundedDirection); !found.empty()) refuse(path, found.front());
   grid.direction = nearest_rotation<Dim>(grid.direction);
   return grid;
 }

@@ -89,7 +89,7 @@ VectorVolume<Dim> read_displacement(const std::filesystem::path& path) {
     grid.origin[axis] = field->GetOrigin()[axis];
     for (int row = 0; row < Dim; ++row) grid.direction(row, axis) = field->GetDirection()(row, axis);
   }
-  if (const auto found = problems(grid); !found.empty()) refuse(path, found.front());
+  if (const auto found = problems(grid, kRoundedDirection); !found.empty()) refuse(path, found.front());
   grid.direction = nearest_rotation<Dim>(grid.direction);
   VectorVolume<Dim> displacement(grid);
   const std::size_t voxels = grid.voxels();

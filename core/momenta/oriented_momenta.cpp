@@ -45,13 +45,6 @@ Eigen::Matrix<double, Dim, Dim> axes_of(const Vec<Dim>& normal) {
 }  // namespace
 
 template <int Dim>
-double cell_along(const Lattice<Dim>& lattice, const Eigen::Matrix<double, Dim, 1>& direction) {
-  double square = 0;
-  for (int a = 0; a < Dim; ++a) square += std::pow(direction[a] * lattice.spacing[a], 2);
-  return std::sqrt(square);
-}
-
-template <int Dim>
 Index<Dim> sites_apart(const Lattice<Dim>& lattice, double width_mm, int spacing) {
   Index<Dim> apart{};
   for (int a = 0; a < Dim; ++a) {
@@ -271,8 +264,6 @@ double OrientedMomenta<Dim, T>::stiffness(std::size_t normal) const {
          AveragedWendland<double>(options_.normal_width_mm(), cell).slope_gram(0);
 }
 
-template double cell_along<2>(const Lattice<2>&, const Vec<2>&);
-template double cell_along<3>(const Lattice<3>&, const Vec<3>&);
 template Index<2> sites_apart<2>(const Lattice<2>&, double, int);
 template Index<3> sites_apart<3>(const Lattice<3>&, double, int);
 template std::size_t sites_with_room(const Lattice<2>&, double, int);

@@ -27,10 +27,6 @@ struct OrientedOptions {
   double normal_width_mm() const { return normal_share * width_mm; }
 };
 
-/// Width of a site's cell along a direction, mm: that of a cube is the same for all.
-template <int Dim>
-double cell_along(const Lattice<Dim>& lattice, const Eigen::Matrix<double, Dim, 1>& direction);
-
 /// How far apart elements are along each axis, in sites: the spacing, and no further than half a width.
 template <int Dim>
 Index<Dim> sites_apart(const Lattice<Dim>& lattice, double width_mm, int spacing);

@@ -92,9 +92,7 @@ std::array<Vector<Dim>, Dim - 1> plane_axes(const Vector<Dim>& normal) {
 template <int Dim>
 std::vector<std::pair<double, double>> lateral_weights(const Lattice<Dim>& lattice, const Vector<Dim>& axis,
                                                        double width) {
-  double square = 0;
-  for (int a = 0; a < Dim; ++a) square += std::pow(axis[a] * lattice.spacing[a], 2);
-  const double step = std::sqrt(square);
+  const double step = cell_along<Dim>(lattice, axis);
   const int count = static_cast<int>(width / step);
   std::vector<std::pair<double, double>> weights;
   double sum = 0;
@@ -233,9 +231,7 @@ JumpDensity<Dim>::JumpDensity(const std::vector<JumpElements<Dim>>& elements)
 
 template <int Dim>
 double JumpDensity<Dim>::smoothing_along(const Vector<Dim>& direction) const {
-  double square = 0;
-  for (int a = 0; a < Dim; ++a) square += std::pow(direction[a] * lattice_.spacing[a], 2);
-  return kSmoothing * std::sqrt(square);
+  return kSmoothing * cell_along<Dim>(lattice_, direction);
 }
 
 template <int Dim>

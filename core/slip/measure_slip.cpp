@@ -132,14 +132,6 @@ void sort_into_parts(const RidgeMesh<Dim>& mesh, std::vector<Piece<Dim>>& pieces
     for (std::size_t p : parts[part]) pieces[p].part = static_cast<int>(part);
 }
 
-/// A sample along a direction, mm.
-template <int Dim>
-double sample_along(const Lattice<Dim>& lattice, const Vector<Dim>& direction) {
-  double square = 0;
-  for (int a = 0; a < Dim; ++a) square += std::pow(direction[a] * lattice.spacing[a], 2);
-  return std::sqrt(square);
-}
-
 /// psi(x) - x on one side of the surface, continued to it; `away` is a step of one sample off it.
 template <int Dim>
 Vector<Dim> side_value(const Lattice<Dim>& lattice, const Field<float>& field, const Vector<Dim>& x,
@@ -328,7 +320,7 @@ SlipSurface<Dim> measure_slip(const std::vector<JumpElements<Dim>>& elements, co
 #pragma omp parallel for schedule(static)
   for (std::size_t p = 0; p < pieces.size(); ++p) {
     Piece<Dim>& piece = pieces[p];
-    const double step = std::max(sample_along(fixed, piece.normal), sample_along(flow.lattice, piece.normal));
+    const double step = std::max(cell_along<Dim>(fixed, piece.normal), cell_along<Dim>(flow.lattice, piece.normal));
     piece.above = side_value<Dim>(fixed, flow.backward, piece.at, step * piece.normal);
     piece.below = side_value<Dim>(fixed, flow.backward, piece.at, -step * piece.normal);
     piece.is_told =

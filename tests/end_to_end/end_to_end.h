@@ -64,12 +64,18 @@ class EndToEnd : public testing::Test {
   }
   /// In many rounds: one may end as soon as nothing can be gained in single precision.
   static std::vector<std::string> of_minutes() {
-    return {"--model", "sliding",         "--set", "coarsening=0",
-            "--set",   "tolerance=0",     "--set", "time_steps=64",
-            "--set",   "levels=1",        "--set", "optimality_tolerance=0",
-            "--set",   "width_voxels=64", "--set", "max_iterations=10000",
-            "--set",   "map_steps=16",    "--set", "reweighted_rounds=10",
-            "--set",   "sparsity_path=12"};
+    return {"--model",      "sliding",
+            "--similarity", "ssd",
+            "--set",        "coarsening=0",
+            "--set",        "tolerance=0",
+            "--set",        "time_steps=64",
+            "--set",        "levels=1",
+            "--set",        "optimality_tolerance=0",
+            "--set",        "width_voxels=64",
+            "--set",        "max_iterations=10000",
+            "--set",        "map_steps=16",
+            "--set",        "reweighted_rounds=10",
+            "--set",        "sparsity_path=12"};
   }
 
   // Oracle: the scene was moved by (shift, 0) mm.

@@ -169,6 +169,7 @@ TEST_F(ListOfPairs, SideBySideDoesTheOthersWhenOneFails) {
   command.insert(command.end(), {"--jobs", "2"});
   const Outcome outcome = run(command);
   EXPECT_EQ(outcome.exit_code, 1);
+  EXPECT_THAT(outcome.err, HasSubstr("saltus: pair bad: job "));
   EXPECT_THAT(outcome.err, HasSubstr("1 of 2 pairs done, 1 failed, 100 % of all"));
   EXPECT_THAT(outcome.err, HasSubstr("1 of 2 pairs failed"));
   EXPECT_TRUE(std::filesystem::exists(folder / "out" / "good" / "report.json"));

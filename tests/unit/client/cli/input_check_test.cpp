@@ -53,6 +53,25 @@ TEST(InputCheck, SaysWhatWouldPutThePointsInTheirImage) {
   EXPECT_THAT(lost, HasSubstr("x from 100 to 139"));
 }
 
+TEST(InputCheck, SaysWhichOptionOfThePointsIsWrong) {
+  const ImageGrid<3> here = grid({100, 200, 300});
+  PointsPlace<3> place{"--fixed-points", "fixed image", here};
+  // All points as they are after reading: taken from RAS to LPS, or from indices to mm.
+  place.format.space = "ras";
+  const std::string axes = points_suspicion<3>({{-110, -210, 310}, {-120, -205, 305}}, place);
+  EXPECT_THAT(axes, HasSubstr("they seem to be LPS: leave --points-space ras out"));
+  EXPECT_THAT(axes, testing::Not(HasSubstr("add --points-space")));
+  EXPECT_THAT(points_suspicion<3>({{-3, -4, 5}, {-30, -20, 10}}, place),
+              HasSubstr("give --points-unit voxel in place of --points-space ras"));
+  EXPECT_THAT(points_suspicion<3>({{9000, 4, 5}}, place), HasSubstr("world mm (RAS)"));
+
+  place.format = {.space = "lps", .unit = "voxel"};
+  EXPECT_THAT(points_suspicion<3>({here.to_world({110, 210, 310})}, place), HasSubstr("leave --points-unit voxel out"));
+  const std::string lost = points_suspicion<3>({{9000, 4, 5}}, place);
+  EXPECT_THAT(lost, HasSubstr("voxel indices of that image, which has 40"));
+  EXPECT_THAT(lost, testing::Not(HasSubstr("add --points")));
+}
+
 /// A pair whose moving image lies elsewhere, with landmarks.
 class JobCheck : public testing::Test {
  protected:
@@ -87,6 +106,9 @@ TEST_F(JobCheck, RefusesAndLetsPassWhatIsAllowed) {
   EXPECT_THAT(refusal(), HasSubstr("--points-space ras. If it is meant so, add --allow points."));
   job.points_format.space = "ras";
   EXPECT_EQ(refusal(), "");
+  give_points({{110, 210, 310}}, {{112, 210, 310}});
+  EXPECT_THAT(refusal(), HasSubstr("leave --points-space ras out. If it is meant so, add --allow points."));
+  give_points({{-110, -210, 310}}, {{-112, -210, 310}});
   job.points_format.space = "lps";
   job.allowed = {"points"};
   EXPECT_EQ(refusal(), "");

@@ -204,6 +204,34 @@ TEST_F(LocalCommands, DisplacementFilesAreFoundInEveryFormat) {
   EXPECT_EQ(displacement_file(folder_, TransformDirection::Inverse), folder_ / "inverse_displacement.nii.gz");
 }
 
+// Results of two registrations, of which the first in some order need not be the last.
+TEST_F(LocalCommands, RefuseAFolderWithTheDisplacementInTwoFormats) {
+  make_slip();
+  make_slip("nii.gz");
+  const std::string both = "displacement.mha and displacement.nii.gz; name one of them with --transform";
+  const std::vector<std::string> commands[] = {
+      {"points", "--transform", at("t"), "--in", at("p/fixed_points.csv"), "--out", at("out.csv")},
+      {"warp", "--transform", at("t"), "--in", at("p/moving.mha"), "--out", at("out.mha")},
+      {"evaluate", "--transform", at("t"), "--truth", at("p/truth.mha")}};
+  for (const auto& command : commands) {
+    EXPECT_EQ(run(command), Usage);
+    EXPECT_THAT(error_, HasSubstr(both));
+    EXPECT_THAT(error_, HasSubstr("or remove the old one"));
+  }
+  EXPECT_FALSE(fs::exists(at("out.csv")) || fs::exists(at("out.mha")));
+  EXPECT_EQ(
+      run({"points", "--transform", at("t"), "--in", at("p/fixed_points.csv"), "--out", at("out.csv"), "--inverse"}),
+      Usage);
+  EXPECT_THAT(error_, HasSubstr("holds inverse_displacement.mha and inverse_displacement.nii.gz"));
+
+  EXPECT_EQ(run({"points", "--transform", at("t/displacement.nii.gz"), "--in", at("p/fixed_points.csv"), "--out",
+                 at("out.csv")}),
+            Done)
+      << error_;
+  fs::remove(at("t/displacement.mha"));
+  EXPECT_EQ(run(commands[0]), Done) << error_;
+}
+
 TEST_F(LocalCommands, CarriesLandmarksOfOtherAxesAndUnits) {
   make_slip();
   const auto points = read_points<2>(at("p/fixed_points.csv"));
@@ -222,6 +250,17 @@ TEST_F(LocalCommands, CarriesLandmarksOfOtherAxesAndUnits) {
             Done)
       << error_;
   EXPECT_EQ(nlohmann::json::parse(out_)["points"], points.size());
+  for (const char* command : {"points", "evaluate"}) {
+    const bool is_evaluate = command == std::string("evaluate");
+    std::vector<std::string> words{command, "--transform", at("t"), "--points-space", "ras"};
+    const std::vector<std::string> lps =
+        is_evaluate ? std::vector<std::string>{"--fixed-points", at("p/fixed_points.csv"), "--moving-points",
+                                               at("p/moving_points.csv")}
+                    : std::vector<std::string>{"--in", at("p/fixed_points.csv"), "--out", at("lps.csv")};
+    words.insert(words.end(), lps.begin(), lps.end());
+    EXPECT_EQ(run(words), Usage);
+    EXPECT_THAT(error_, HasSubstr("leave --points-space ras out"));
+  }
   const auto moved = read_points<2>(at("out.csv"));
   for (std::size_t i = 0; i < points.size(); ++i) EXPECT_LT((moved[i] + expected[i]).norm(), 1e-9);
 

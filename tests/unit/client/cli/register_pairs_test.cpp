@@ -64,6 +64,15 @@ TEST_F(ReadPairs, NamesTheLineThatCannotBeMeant) {
   EXPECT_THAT(refusal("fixed,moving\na.mha,b.mha\n", common), HasSubstr("an option gives too"));
 }
 
+// A server takes eight uploads of one certificate at a time; what it refuses for long ends the list.
+TEST(JobsOnServer, AreOneForEachSlotAsFarAsOneClientMayHaveStreams) {
+  EXPECT_EQ(jobs_on_server(1), 1);
+  EXPECT_EQ(jobs_on_server(8), 8);
+  EXPECT_EQ(jobs_on_server(9), 8);
+  EXPECT_EQ(jobs_on_server(256), 8);
+  EXPECT_EQ(jobs_on_server(0), 8) << "Slurm decides";
+}
+
 TEST(ListProgress, CountsPairsAndTime) {
   EXPECT_EQ(list_progress({4, 0, -1, 1, {{"a", 0.5, 30}}}), "pair 1 of 4, 13 % of all");
   EXPECT_EQ(list_progress({4, 2, 100, 1, {{"c", 0.5, 30}}}), "pair 3 of 4, 63 % of all, 2:10 min left in all");

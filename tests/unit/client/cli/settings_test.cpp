@@ -87,6 +87,29 @@ TEST_F(Settings, ComeFromTheCommandLineBeforeTheEnvironmentBeforeAFile) {
   EXPECT_EQ(first_order_scales({"register"}), "0");
 }
 
+// Whoever has a number of jobs for all lists still registers single pairs.
+TEST_F(Settings, JobsOfTheEnvironmentOrAFileAreForListsAlone) {
+  const std::vector<std::string> pair{"register", "--fixed", folder.write("a.mha", "x"), "--moving",
+                                      folder.write("b.mha", "x")};
+  // Complete but for --out, so that nothing is begun.
+  const auto complaint = [&](std::vector<std::string> more) {
+    more.insert(more.begin(), pair.begin(), pair.end());
+    const Outcome outcome = run(more);
+    EXPECT_EQ(outcome.exit_code, Usage);
+    return outcome.err;
+  };
+  set("SALTUS_JOBS", "2");
+  EXPECT_THAT(complaint({}), HasSubstr("--out is missing"));
+  EXPECT_THAT(complaint({"--jobs", "2"}), HasSubstr("--jobs is given without --pairs"));
+  EXPECT_THAT(complaint({"--jobs=3"}), HasSubstr("--jobs is given without --pairs"));
+  set("SALTUS_JOBS", "");
+  EXPECT_THAT(complaint({"--config", folder.write("saltus.toml", "[register]\njobs = 2\n")}),
+              HasSubstr("--out is missing"));
+  // For a list it counts: what cannot be is refused.
+  set("SALTUS_JOBS", "many");
+  EXPECT_THAT(complaint({}), HasSubstr("many"));
+}
+
 TEST_F(Settings, OfNestedCommandsComeInTheSameOrder) {
   const std::string file = folder.write("saltus.toml", "[server.info]\nserver = \"of the file\"\n");
   EXPECT_THAT(run({"--config", file, "server", "info"}).err, HasSubstr("of the file"));

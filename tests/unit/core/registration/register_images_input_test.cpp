@@ -59,6 +59,16 @@ TEST(RegisterImagesInput, NamesAnImageWithoutItsSamples) {
   EXPECT_THAT(refusal(input), HasSubstr("spacing"));
 }
 
+// Its transpose is taken for its inverse; readers of files make rotations of what headers have rounded.
+TEST(RegisterImagesInput, NamesADirectionThatIsNoRotation) {
+  RegistrationInput<2> input = good();
+  input.moving.grid.direction(0, 1) = 1e-8;
+  EXPECT_EQ(problems(input.moving.grid).size(), 0u);
+  input.moving.grid.direction(0, 1) = 1e-5;
+  EXPECT_THAT(refusal(input), HasSubstr("orthonormal"));
+  EXPECT_EQ(problems(input.moving.grid, kRoundedDirection).size(), 0u);
+}
+
 TEST(RegisterImagesInput, NamesImagesThatDoNotOverlap) {
   RegistrationInput<2> input = good();
   input.moving.grid.origin = {1000, 1000};

@@ -1,0 +1,18 @@
+#pragma once
+
+#include <filesystem>
+#include <string>
+#include <vector>
+
+namespace saltus::cli {
+
+/// That `folder` holds the report of a registration, so that what has the name of a result there is one.
+bool holds_result(const std::filesystem::path& folder);
+
+/// What an earlier registration has left in `folder`, where the files `names` of a new one have taken their places: the
+/// same images in another format, which would be read in place of the new ones, and momenta that the new result has
+/// none of. Never anything that no registration writes. In the order of their names.
+std::vector<std::filesystem::path> outdated_files(const std::filesystem::path& folder,
+                                                  const std::vector<std::string>& names);
+
+}  // namespace saltus::cli
