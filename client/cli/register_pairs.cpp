@@ -6,6 +6,7 @@
 #include "client/cli/progress_display.h"
 #include "client/cli/registrar.h"
 #include "client/cli/report_summary.h"
+#include "client/cli/result_files.h"
 #include "client/cli/run_job.h"
 #include "client/lib/checksum.h"
 #include "client/lib/client_error.h"
@@ -32,9 +33,6 @@ namespace saltus::cli {
 namespace {
 
 namespace fs = std::filesystem;
-
-/// What a finished pair leaves beside its results, last of all.
-constexpr const char* done_file = "pair.json";
 
 /// One row of CSV after the other; a quoted field may hold commas, quotes (doubled) and ends of lines.
 class CsvReader {

@@ -6,6 +6,9 @@
 
 namespace saltus::cli {
 
+/// What a finished pair of a list leaves beside its results, last of all: the list does not do it again.
+inline constexpr const char* done_file = "pair.json";
+
 /// That `folder` holds the report of a registration, so that what has the name of a result there is one.
 bool holds_result(const std::filesystem::path& folder);
 

@@ -15,6 +15,9 @@ std::vector<std::filesystem::path> fetch_artifacts(client::RegistrationClient& c
   std::filesystem::create_directories(folder, error);
   if (error) throw FileError("--out is " + folder.string() + ", which cannot be made: " + error.message());
   const bool had_result = holds_result(folder);
+  // From here on what is there is no longer what a list has made.
+  std::filesystem::remove(folder / done_file, error);
+  if (error) throw FileError((folder / done_file).string() + " cannot be removed: " + error.message());
   std::vector<std::filesystem::path> files;
   std::vector<std::string> names;
   for (const v1::Artifact& artifact : job.artifacts()) {

@@ -60,6 +60,18 @@ TEST_F(ListOfPairs, IsRegisteredOneAfterTheOtherAndNotTwice) {
   EXPECT_THAT(refused.err, HasSubstr("the result of other files or options"));
 }
 
+// What another command has written to a pair's folder is not the list's.
+TEST_F(ListOfPairs, IsDoneAgainWhereAnotherResultHasTakenItsPlace) {
+  ASSERT_EQ(run(list()).exit_code, 0);
+  ASSERT_EQ(
+      run(job({"register", "--out", folder / "out" / "one"}, {"--model", "gaussian", "--similarity", "ncc"})).exit_code,
+      0);
+  const Outcome again = run(list());
+  EXPECT_EQ(again.exit_code, 0) << again.err;
+  EXPECT_THAT(again.err, HasSubstr("1 of 2 pairs are done already"));
+  EXPECT_EQ(json::parse(content_of(folder / "out" / "one" / "report.json"))["similarity"], "ssd");
+}
+
 TEST_F(ListOfPairs, GoesOnAfterAnInterruption) {
   auto one_by_one = list(of_some_seconds());
   one_by_one.insert(one_by_one.end(), {"--jobs", "1"});
