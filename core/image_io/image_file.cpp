@@ -48,7 +48,8 @@ itk::ImageIOBase::Pointer make_image_io(ImageFormat format) {
 /// What ITK says of the file at `path`, on one line, without its class and address prefix, and with its name alone.
 std::string reason(const itk::ExceptionObject& error, const std::filesystem::path& path, const std::string& name) {
   std::string text = error.GetDescription();
-  if (const auto prefix = text.find("): "); text.starts_with("itk::ERROR") && prefix != std::string::npos)
+  if (const auto prefix = text.find("): ");
+      (text.starts_with("itk::ERROR") || text.starts_with("ITK ERROR")) && prefix != std::string::npos)
     text.erase(0, prefix + 3);
   const std::string full = path.string();
   // Not from where it was found: the name of a file in the current folder is its whole path.

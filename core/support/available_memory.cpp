@@ -33,7 +33,8 @@ std::int64_t limit_of(const fs::path& file) {
 std::int64_t available_memory(const fs::path& root) {
   std::int64_t bytes = memory_of_machine(root);
   for (const fs::path& group : control_groups_around("memory", root))
-    for (const char* name : {"memory.limit_in_bytes", "memory.max"})  // of the first version and of the second
+    // Of the first version; of the second, where beyond "high" processes are held up until they have hardly any time.
+    for (const char* name : {"memory.limit_in_bytes", "memory.max", "memory.high"})
       bytes = std::min(bytes, limit_of(group / name));
   return bytes;
 }

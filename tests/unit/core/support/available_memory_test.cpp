@@ -37,6 +37,10 @@ TEST_F(AvailableMemory, IsNoMoreThanALimit) {
   EXPECT_EQ(found(), std::int64_t{4} << 30);
   write("sys/fs/cgroup/job_7/step_0/memory.max", "1073741824\n");
   EXPECT_EQ(found(), std::int64_t{1} << 30);
+  write("sys/fs/cgroup/job_7/memory.high", "max\n");
+  EXPECT_EQ(found(), std::int64_t{1} << 30);
+  write("sys/fs/cgroup/job_7/memory.high", "536870912\n");
+  EXPECT_EQ(found(), std::int64_t{1} << 29);
 }
 
 TEST_F(AvailableMemory, IsNoMoreThanALimitOfTheFirstVersion) {
