@@ -86,7 +86,9 @@ void remove_what_was_left(const fs::path& parent) {
 
 DaemonFolder::DaemonFolder() {
   int reason = ENAMETOOLONG;
-  for (const fs::path& parent : {fs::temp_directory_path(), fs::path("/tmp")}) {
+  std::error_code missing;  // then it is empty, and the next one is tried
+  for (const fs::path& parent : {fs::temp_directory_path(missing), fs::path("/tmp")}) {
+    if (parent.empty()) continue;
     std::string name = parent / (std::string(folder_prefix) + folder_letters);
     if (name.size() + std::strlen("/socket") > longest_socket_path) continue;
     remove_what_was_left(parent);

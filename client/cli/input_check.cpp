@@ -1,5 +1,6 @@
 #include "client/cli/input_check.h"
 
+#include "client/cli/result_files.h"
 #include "core/image_io/points_io.h"
 #include "core/image_io/read_image.h"
 #include "core/support/errors.h"
@@ -163,6 +164,14 @@ void check_inputs(const JobOptions& options) {
   } catch (const FileError&) {
     // What cannot be read is refused by the worker, which reads everything and has a reason for each case.
   }
+}
+
+void refuse_inputs_among_results(const JobOptions& options, const std::filesystem::path& out) {
+  for (const auto& [option, file] : {std::pair("--fixed", &options.fixed),
+                                     {"--moving", &options.moving},
+                                     {"--fixed-mask", &options.fixed_mask},
+                                     {"--moving-mask", &options.moving_mask}})
+    if (!file->empty()) refuse_input_among_results(option, *file, out);
 }
 
 #define SALTUS_INPUT_CHECK(DIM)                                                         \

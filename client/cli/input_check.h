@@ -40,4 +40,7 @@ std::string points_suspicion(const std::vector<Vector<Dim>>& points, const Point
 /// does not name. Files that cannot be read are left to the worker.
 void check_inputs(const JobOptions& options);
 
+/// Throws InvalidInput where an image of the job lies in `out` under the name of a result, see result_files.h.
+void refuse_inputs_among_results(const JobOptions& options, const std::filesystem::path& out);
+
 }  // namespace saltus::cli

@@ -36,6 +36,7 @@ struct RegisterOptions {
 int register_one(const RegisterOptions& options) {
   const v1::RegistrationSpec spec = make_spec(options.job);
   check_inputs(options.job);
+  refuse_inputs_among_results(options.job, options.out);
   const ResultFolder folder(options.out);
   std::optional<Registrar> registrar;
   try {
@@ -67,7 +68,7 @@ int register_images(const RegisterOptions& options) {
     return Done;
   }
   if (options.pairs.empty()) {
-    if (options.is_jobs_typed && options.jobs != 0)
+    if (options.is_jobs_typed && options.jobs > 1)
       throw InvalidInput("--jobs is given without --pairs; one pair is one job");
     make_spec(options.job);  // what is wrong with the job itself is said first
     if (options.out.empty()) throw InvalidInput("--out is missing; name a folder for the result");

@@ -437,6 +437,7 @@ int register_pairs(const std::vector<Pair>& pairs, const PairsRequest& request) 
     try {
       make_spec(pair.job);
       check_inputs(pair.job);
+      refuse_inputs_among_results(pair.job, request.out / pair.name);
     } catch (const InvalidInput& error) {
       throw InvalidInput(pair.name + ": " + error.what());
     }

@@ -1,11 +1,15 @@
 #include "client/cli/result_files.h"
 
+#include "core/support/errors.h"
+
 #include <nlohmann/json.hpp>
 
 #include <algorithm>
 #include <fstream>
+#include <initializer_list>
 #include <regex>
 #include <set>
+#include <system_error>
 
 namespace saltus::cli {
 namespace {
@@ -22,7 +26,29 @@ bool is_momentum(const std::string& stem) {
   return std::regex_match(stem, pattern);
 }
 
+bool is_one_of(const std::string& word, std::initializer_list<const char*> words) {
+  return std::find(words.begin(), words.end(), word) != words.end();
+}
+
 }  // namespace
+
+bool is_marked_done(const std::filesystem::path& folder) {
+  std::ifstream in(folder / done_file);
+  const nlohmann::json mark = nlohmann::json::parse(in, nullptr, /*allow_exceptions=*/false);
+  return mark.is_object() && mark.size() == 1 && mark.contains("request") && mark.at("request").is_string();
+}
+
+void refuse_input_among_results(const std::string& option, const std::filesystem::path& input,
+                                const std::filesystem::path& out) {
+  std::error_code unknown;  // what is not there cannot be replaced
+  const std::filesystem::path file = std::filesystem::canonical(input, unknown);
+  if (unknown || !std::filesystem::equivalent(file.parent_path(), out, unknown) || unknown) return;
+  const std::string stem = image_stem(file.filename().string());
+  if (!is_momentum(stem) && !is_one_of(stem, {"displacement", "inverse_displacement", "warped", "jacobian"})) return;
+  throw InvalidInput(option + " is " + input.string() +
+                     ", which lies in --out under the name of a result, and the new one "
+                     "would replace it; name another --out, or move the file");
+}
 
 bool holds_result(const std::filesystem::path& folder) {
   std::ifstream in(folder / "report.json");

@@ -6,8 +6,17 @@
 
 namespace saltus::cli {
 
-/// What a finished pair of a list leaves beside its results, last of all: the list does not do it again.
+/// What a finished pair of a list leaves beside its results, last of all, {"request": a hash}: the list does not do it
+/// again.
 inline constexpr const char* done_file = "pair.json";
+
+/// That a list has left its mark in `folder`.
+bool is_marked_done(const std::filesystem::path& folder);
+
+/// Throws InvalidInput, which names `option`, where `input` (also through links) lies in `out` under the name of a
+/// result: a new one would take its place, or remove it.
+void refuse_input_among_results(const std::string& option, const std::filesystem::path& input,
+                                const std::filesystem::path& out);
 
 /// That `folder` holds the report of a registration, so that what has the name of a result there is one.
 bool holds_result(const std::filesystem::path& folder);

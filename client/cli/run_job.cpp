@@ -16,7 +16,7 @@ std::vector<std::filesystem::path> fetch_artifacts(client::RegistrationClient& c
   if (error) throw FileError("--out is " + folder.string() + ", which cannot be made: " + error.message());
   const bool had_result = holds_result(folder);
   // From here on what is there is no longer what a list has made.
-  std::filesystem::remove(folder / done_file, error);
+  if (is_marked_done(folder)) std::filesystem::remove(folder / done_file, error);
   if (error) throw FileError((folder / done_file).string() + " cannot be removed: " + error.message());
   std::vector<std::filesystem::path> files;
   std::vector<std::string> names;
@@ -38,6 +38,7 @@ std::vector<std::filesystem::path> fetch_artifacts(client::RegistrationClient& c
     if (error)
       throw FileError("the new result is in " + folder.string() + ", but " + file.string() +
                       " of an earlier one cannot be removed (" + error.message() + "); remove it");
+    std::cerr << "removed " << file.string() << ", which is of an earlier result" << std::endl;
   }
   return files;
 }

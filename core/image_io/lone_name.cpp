@@ -1,5 +1,6 @@
 #include "core/image_io/lone_name.h"
 
+#include "core/image_io/image_format.h"
 #include "core/support/errors.h"
 
 #include <stdlib.h>
@@ -12,17 +13,36 @@
 namespace saltus {
 namespace fs = std::filesystem;
 
+namespace {
+
+/// What the library would look for first, however its suffix is written.
+bool has_sibling(const fs::path& file) {
+  const std::string name = file.string();
+  const std::string stem = name.substr(0, name.size() - std::string(".nii.gz").size());
+  std::error_code unknown;
+  for (const char* suffix : {".nii", ".NII", ".Nii"})
+    if (fs::exists(stem + suffix, unknown)) return true;
+  return false;
+}
+
+}  // namespace
+
 LoneName::LoneName(const fs::path& file) : path_(file) {
-  if (file.extension() != ".gz" || !fs::exists(fs::path(file).replace_extension())) return;
-  std::string name = fs::temp_directory_path() / "saltus-image-XXXXXX";
-  if (!mkdtemp(name.data())) throw FileError(name + " cannot be made: " + std::strerror(errno));
+  if (format_from_suffix(file) != ImageFormat::CompressedNifti || !has_sibling(file)) return;
+  const auto fail = [&file](const std::string& what) {
+    throw FileError("cannot read " + file.filename().string() + ": beside it lies one without .gz, and " + what +
+                    "; move one of them, or let TMPDIR name a folder that can be written");
+  };
+  std::error_code error;
+  std::string name = fs::temp_directory_path(error) / "saltus-image-XXXXXX";
+  if (error) fail("there is no folder for temporary files");
+  if (!mkdtemp(name.data())) fail(name + " cannot be made: " + std::strerror(errno));
   folder_ = name;
   path_ = folder_ / file.filename();
-  std::error_code error;
   fs::create_symlink(fs::absolute(file), path_, error);
   if (!error) return;
   fs::remove(folder_);
-  throw FileError(path_.string() + " cannot be made: " + error.message());
+  fail(path_.string() + " cannot be made: " + error.message());
 }
 
 LoneName::~LoneName() {

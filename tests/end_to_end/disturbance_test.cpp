@@ -141,6 +141,25 @@ TEST_F(DisturbedCommand, KeepsItsResultWhereItsOutputIsLost) {
   EXPECT_TRUE(fs::is_empty(folder / "tmp"));
 }
 
+// What is closed is opened by nobody else: not by a pipe that a progress bar would then be written to.
+TEST_F(DisturbedCommand, DoesItsWorkWhereNothingIsOpen) {
+  const Outcome outcome =
+      run_in_shell("exec \"$@\" <&- >&- 2>&-", job({"register", "--out", folder / "out"}, of_a_moment()));
+  EXPECT_EQ(outcome.exit_code, 1) << "its summary has reached nobody";
+  expect_shift(folder / "out" / "displacement.mha");
+  EXPECT_TRUE(fs::is_empty(folder / "tmp"));
+}
+
+TEST_F(DisturbedCommand, DoesNotReplaceItsInput) {
+  ASSERT_EQ(run(job({"register", "--out", folder / "out"}, of_a_moment())).exit_code, 0);
+  std::vector<std::string> command = job({"register", "--out", folder / "out"}, of_a_moment());
+  *std::next(std::find(command.begin(), command.end(), "--moving")) = folder / "out" / "warped.mha";
+  const Outcome outcome = run(command);
+  EXPECT_EQ(outcome.exit_code, 2);
+  EXPECT_THAT(outcome.err, HasSubstr("which lies in --out under the name of a result"));
+  EXPECT_TRUE(fs::exists(folder / "out" / "warped.mha"));
+}
+
 TEST_F(DisturbedCommand, LeavesNoPartsOfFilesThatAreTooLarge) {
   const Outcome outcome =
       run_in_shell("ulimit -f 8; exec \"$@\"", {"phantom", "slip", "--size", "256,256", "--out", folder / "scene"});

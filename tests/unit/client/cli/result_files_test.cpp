@@ -1,5 +1,6 @@
 #include "client/cli/result_files.h"
 
+#include "core/support/errors.h"
 #include "tests/support/temporary_folder.h"
 
 #include <gmock/gmock.h>
@@ -53,6 +54,27 @@ TEST_F(ResultFiles, WhatNoRegistrationWritesStays) {
 
 TEST_F(ResultFiles, MomentaStayWhereTheNewFilesAreNoRegistration) {
   EXPECT_THAT(outdated({"momentum_2_order0.mha"}, {"log.txt", "warped.mha"}), IsEmpty());
+}
+
+TEST_F(ResultFiles, InputsAreNoResults) {
+  std::filesystem::create_directory(folder / "out");
+  const auto warped = folder.write("out/warped.mha", "x"), own = folder.write("out/ct.mha", "x");
+  std::filesystem::create_symlink(warped, folder / "link.mha");
+  for (const std::filesystem::path& input : {warped, folder / "link.mha"})
+    EXPECT_THROW(refuse_input_among_results("--moving", input, folder / "out"), InvalidInput) << input;
+  EXPECT_NO_THROW(refuse_input_among_results("--moving", own, folder / "out"));
+  EXPECT_NO_THROW(refuse_input_among_results("--moving", warped, folder / "elsewhere"));
+  EXPECT_NO_THROW(refuse_input_among_results("--moving", folder / "nothing.mha", folder / "out"));
+}
+
+TEST_F(ResultFiles, OnlyAListsMarkIsOne) {
+  EXPECT_FALSE(is_marked_done(folder.path()));
+  for (const char* other : {"no JSON", "{\"mine\": 1}", "{\"request\": 1}", "{\"request\": \"a\", \"mine\": 1}"}) {
+    folder.write(done_file, other);
+    EXPECT_FALSE(is_marked_done(folder.path())) << other;
+  }
+  folder.write(done_file, "{\"request\": \"sha256:1\"}\n");
+  EXPECT_TRUE(is_marked_done(folder.path()));
 }
 
 TEST_F(ResultFiles, AResultIsKnownByItsReport) {

@@ -211,6 +211,9 @@ TEST_F(NiftiVoxels, AreThoseOfTheFileThatIsNamed) {
   EXPECT_EQ(read_volume<3>(packed).samples, (std::vector<float>{5, 6, 7, 8}));
   write("a.nii", "no image");
   EXPECT_EQ(read_volume<3>(packed).samples, (std::vector<float>{5, 6, 7, 8}));
+  write("B.NII", file.with<std::int16_t>({1, 2, 3, 4}));
+  std::filesystem::rename(packed, packed.parent_path() / "B.NII.GZ");
+  EXPECT_EQ(read_volume<3>(packed.parent_path() / "B.NII.GZ").samples, (std::vector<float>{5, 6, 7, 8}));
 }
 
 TEST_F(NiftiVoxels, ScaledLabelsAreWholeNumbers) {
