@@ -40,6 +40,7 @@ int take_signals() {
   sigaddset(&signals, SIGHUP);
   sigprocmask(SIG_BLOCK, &signals, nullptr);
   signal(SIGPIPE, SIG_IGN);
+  signal(SIGXFSZ, SIG_IGN);  // a file that may not grow further is a write that fails
   return signalfd(-1, &signals, SFD_CLOEXEC);
 }
 

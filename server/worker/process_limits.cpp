@@ -84,6 +84,8 @@ void prepare_process() {
   action.sa_handler = [](int) { is_cpu_time_used_up = true; };
   action.sa_flags = SA_RESTART;
   sigaction(SIGXCPU, &action, nullptr);
+  // A file that may not grow further is then a write that fails, which has its own exit code and clears up.
+  std::signal(SIGXFSZ, SIG_IGN);
 }
 
 void limit_process(std::int64_t memory_bytes, double cpu_seconds, int threads) {

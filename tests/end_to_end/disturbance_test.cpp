@@ -150,6 +150,17 @@ TEST_F(DisturbedCommand, DoesItsWorkWhereNothingIsOpen) {
   EXPECT_TRUE(fs::is_empty(folder / "tmp"));
 }
 
+// The images fit into files of so many blocks of 512 bytes, the displacement does not: no signal ends the worker.
+TEST_F(DisturbedCommand, SaysWhichResultMayNotBeSoLarge) {
+  write_volume(folder / "fixed.mha", blob_scene(512, 0));
+  write_volume(folder / "moving.mha", blob_scene(512, shift_mm));
+  const Outcome outcome =
+      run_in_shell("ulimit -f 3000; exec \"$@\"", job({"register", "--out", folder / "out"}, of_a_moment()));
+  EXPECT_EQ(outcome.exit_code, 1);
+  EXPECT_THAT(outcome.err, HasSubstr("cannot write displacement.mha: File too large"));
+  EXPECT_TRUE(fs::is_empty(folder / "tmp"));
+}
+
 TEST_F(DisturbedCommand, DoesNotReplaceItsInput) {
   ASSERT_EQ(run(job({"register", "--out", folder / "out"}, of_a_moment())).exit_code, 0);
   std::vector<std::string> command = job({"register", "--out", folder / "out"}, of_a_moment());
