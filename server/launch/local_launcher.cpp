@@ -95,17 +95,9 @@ class SpawnPlan {
 };
 
 std::vector<std::string> worker_environment(int threads, bool has_cores_alone, const fs::path& temporary_files) {
-  std::vector<std::string> own{"TMPDIR=" + temporary_files.string()};
-  for (const auto& [name, value] : worker_variables(threads, has_cores_alone, std::getenv("GLIBC_TUNABLES")))
-    own.push_back(name + "=" + value);
-  const auto is_own = [&own](std::string_view variable) {
-    const auto name = variable.substr(0, variable.find('=') + 1);
-    return std::any_of(own.begin(), own.end(), [name](const std::string& text) { return text.starts_with(name); });
-  };
-  std::vector<std::string> result = own;
-  for (char** variable = environ; *variable; ++variable)
-    if (!is_own(*variable)) result.emplace_back(*variable);
-  return result;
+  auto own = worker_variables(threads, has_cores_alone, std::getenv("GLIBC_TUNABLES"));
+  own.emplace_back("TMPDIR", temporary_files.string());
+  return environment_with(own);
 }
 
 }  // namespace

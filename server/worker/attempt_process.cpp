@@ -13,10 +13,8 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
-#include <algorithm>
 #include <cerrno>
 #include <cstdlib>
-#include <string_view>
 #include <system_error>
 #include <utility>
 
@@ -31,20 +29,11 @@ void write_secret(const std::filesystem::path& file, const std::string& text) {
   if (!is_written) throw FileError("the token file cannot be written");
 }
 
-std::vector<std::string> environment_with(const std::filesystem::path& folder, int threads) {
-  std::vector<std::pair<std::string, std::string>> own{{"TMPDIR", folder.string()}};
-  if (threads > 0)
-    for (auto& variable :
-         server::worker_variables(threads, threads <= available_cores(), std::getenv("GLIBC_TUNABLES")))
-      own.push_back(std::move(variable));
-  std::vector<std::string> variables;
-  for (const auto& [name, value] : own) variables.push_back(name + "=" + value);
-  for (char** variable = environ; *variable; ++variable) {
-    const std::string_view text(*variable), name = text.substr(0, text.find('='));
-    if (std::none_of(own.begin(), own.end(), [name](const auto& one) { return one.first == name; }))
-      variables.emplace_back(text);
-  }
-  return variables;
+std::vector<std::string> attempt_environment(const std::filesystem::path& folder, int threads) {
+  std::vector<std::pair<std::string, std::string>> own;
+  if (threads > 0) own = server::worker_variables(threads, threads <= available_cores(), std::getenv("GLIBC_TUNABLES"));
+  own.emplace_back("TMPDIR", folder.string());
+  return server::environment_with(own);
 }
 
 pid_t spawn(std::vector<std::string> words, std::vector<std::string> variables) {
@@ -87,7 +76,7 @@ ProcessEnd run_attempt_process(const AttemptOrder& order, const std::stop_token&
   words.insert(words.end(), order.options.begin(), order.options.end());
   words.insert(words.end(),
                {"--job", order.job_id, "--attempt", std::to_string(order.attempt), "--token-file", token_file});
-  const pid_t pid = spawn(words, environment_with(folder.path(), order.threads));
+  const pid_t pid = spawn(words, attempt_environment(folder.path(), order.threads));
   siginfo_t ended{};
   {
     // Until it is reaped below the number is the child's, also when it has ended.

@@ -303,6 +303,20 @@ TEST(RegisterImages, GivesTheDisplacementFromFixedToMoving) {
 }
 
 // A slip along an axis is what order 1 is for: rows beside the interface move apart.
+// Of the geodesic of one kernel alone.
+TEST(RegisterImages, TellsTheDriftOfTheHamiltonianWhereThatIsAnInvariant) {
+  const RegistrationInput<2> input = sliding_pair<2>(plane(), 1.0);
+  RegistrationOptions options = quick(Model::Gaussian, SimilarityType::Ssd, 3);
+  options.momenta.scales = 1;
+  for (Evolution evolution : {Evolution::Carried, Evolution::PerOrder, Evolution::Exact}) {
+    options.flow.evolution = evolution;
+    const double drift = register_images<2>(input, options).summary.hamiltonian_drift;
+    EXPECT_EQ(drift >= 0, evolution == Evolution::Exact) << static_cast<int>(evolution);
+  }
+  options.momenta.scales = 2;
+  EXPECT_EQ(register_images<2>(input, options).summary.hamiltonian_drift, -1);
+}
+
 TEST(RegisterImages, RecoversASlip) {
   const RegistrationInput<2> input = sliding_pair<2>(plane(), 2.0);
   RegistrationOptions options = quick(Model::Sliding, SimilarityType::Ssd, 80);
