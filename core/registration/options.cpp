@@ -60,7 +60,7 @@ RegistrationOptions default_options(Model model, SimilarityType similarity, Pres
       o.momenta.first_order_scales = 8;  // beside every order-0 scale
       break;
     case Model::Auto:
-      o.momenta.first_order_shear = -1;
+      o.momenta.first_order_shear = o.momenta.plain_shear = -1;
       o.momenta.most_active_share = 0;
       [[fallthrough]];
     case Model::Sliding:
@@ -170,7 +170,7 @@ RegistrationOptions default_options(Model model, SimilarityType similarity, Pres
     if (similarity == SimilarityType::Lncc) o.momenta.sparsity = o.momenta.narrow_width_shear = -1;
     if (is_correlation && preset == Preset::Balanced) {
       o.momenta.even_sparsity = 1.5;
-      o.optimisation.round_tolerance = 0.1;
+      o.optimisation.round_tolerance = -1;
       // Of the rounds with first orders: order 0 alone has look_tolerance.
       if (similarity == SimilarityType::Lncc) o.optimisation.tolerance = 4e-2;
     }

@@ -81,6 +81,9 @@ struct RegistrationOptions {
     /// On each level order 1 takes part only if the velocity of order 0, settled alone, is simple shear to so much
     /// (simple_shear.h); 0: always; -1: what was measured (core/measurements.md, "Only where it slides").
     double first_order_shear = 0;
+    /// With so much of it early on a level order 0 need not settle first; 0: it always does; -1: what was measured
+    /// (core/measurements.md, "Only where it slides").
+    double plain_shear = 0;
     int orientations = 0;          ///< normals that oriented momenta are turned from; 0: there are none of these; -1:
                                    ///< 8 in 2-D and 9 in 3-D, none where there can be none
     double oblique_share = 0;      ///< of an interface must be oblique for oriented momenta to begin; -1: by
@@ -122,7 +125,8 @@ struct RegistrationOptions {
     int max_iterations = 60;  ///< in each round of a level
     double tolerance = 1e-3;  ///< a level ends when five iterations give less than this share of its total decrease
     /// The same of a round with first orders that another one follows, where larger: it is there for the weights that
-    /// the next one is made with. Follows the contrast as lambda does (full_contrast).
+    /// the next one is made with. Follows the contrast as lambda does (full_contrast). -1: by similarity and dimension,
+    /// as measured (core/measurements.md, "Sparsity").
     double round_tolerance = 0;
     /// The same of a round of order 0 alone, where smaller than `tolerance`: one whose velocity is then asked whether
     /// something slides, or on a level without first orders; 0: `tolerance`.

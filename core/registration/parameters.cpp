@@ -320,6 +320,11 @@ const std::vector<Parameter>& parameters() {
           "order 1 takes part only where the velocity of order 0, settled alone, is simple shear to so much (smooth "
           "motion mostly has 1 to 5); 0: always, -1 (and nothing else below 0): by similarity and dimension",
           [](O & o) -> auto& { return o.momenta.first_order_shear; }),
+      real(
+          "plain_shear", "", -1, Lower::Inclusive, inf,
+          "order 1 takes part without waiting for order 0 to settle where that shows so much simple shear after three "
+          "iterations of a level; 0: always waits, -1 (and nothing else below 0): by similarity and dimension",
+          [](O & o) -> auto& { return o.momenta.plain_shear; }),
       integer(
           "orientations", "", -1, 13,
           "normals that oriented momenta are turned from, so that interfaces that are not along an axis can slide: 4 "
@@ -439,10 +444,9 @@ const std::vector<Parameter>& parameters() {
           "a level ends when five iterations give less than this share of its decrease",
           [](O & o) -> auto& { return o.optimisation.tolerance; }),
       real(
-          "round_tolerance", "", 0, Lower::Inclusive, 1,
+          "round_tolerance", "", -1, Lower::Inclusive, 1,
           "the same of a round with first-order momenta that another one follows, where larger than tolerance; follows "
-          "the "
-          "contrast, see full_contrast",
+          "the contrast, see full_contrast; -1 (and nothing else below 0): by similarity and dimension",
           [](O & o) -> auto& { return o.optimisation.round_tolerance; }),
       real(
           "look_tolerance", "", 0, Lower::Inclusive, 1,
@@ -513,7 +517,9 @@ std::vector<std::string> problems(const RegistrationOptions& options) {
                     " and sparsity is 0, with which first orders always take part; set that above 0, or this to 0");
   const std::pair<const char*, double> measured[] = {{"oblique_share", options.momenta.oblique_share},
                                                      {"narrow_width_shear", options.momenta.narrow_width_shear},
-                                                     {"divergence_weight", options.flow.divergence_weight}};
+                                                     {"divergence_weight", options.flow.divergence_weight},
+                                                     {"plain_shear", options.momenta.plain_shear},
+                                                     {"round_tolerance", options.optimisation.round_tolerance}};
   for (const auto& [name, value] : measured)
     if (value > -1 && value < 0)
       found.push_back("parameter " + std::string(name) + " is " + format(value) +

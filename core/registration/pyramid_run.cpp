@@ -306,12 +306,18 @@ void PyramidRun<Dim>::minimise_round(std::size_t round) {
     const double share = is_same ? 1 : kShareOfRoundsBefore;
     how_.decrease_before = std::max(0.0, share * (level_.energy_before - level_.energy_after));
   }
-  const MinimiseSummary found = minimise<Scalar>(*objective_, how_, reached_.minimiser,
-                                                 [this](const MinimiseStep& taken) { return accept(taken); });
+  const MinimiseSummary found = round == 0 && decides_ ? minimise_until_plain() : minimise_as(how_);
   if (level_.rounds == 1) how_.optimality_reference = found.first_optimality;
   count_round();
   level_.optimality = found.optimality;
   level_.termination = is_blank_ ? Termination::NothingToRegister : termination_of(found.termination);
+}
+
+/// Goes on from where the round has come to.
+template <int Dim>
+MinimiseSummary PyramidRun<Dim>::minimise_as(const MinimiseOptions& how) {
+  return minimise<Scalar>(*objective_, how, reached_.minimiser,
+                          [this](const MinimiseStep& taken) { return accept(taken); });
 }
 
 template <int Dim>

@@ -64,11 +64,14 @@ class PyramidRun {
   void choose_map_steps();
   void ask_for_narrow_widths();
   double narrow_share() const;
+  bool shows_slip(double least_shear);
   bool first_orders_are_worth_it();
   bool would_join();
   void begin_beside_first_orders();
   void begin_round(std::size_t round);
   void minimise_round(std::size_t round);
+  MinimiseSummary minimise_as(const MinimiseOptions& how);
+  MinimiseSummary minimise_until_plain();
   void count_round();
   bool report();
   bool accept(const MinimiseStep& taken);

@@ -4,16 +4,43 @@
 #include <algorithm>
 
 namespace saltus {
+namespace {
 
-/// After order 0 has come to its end alone: whether its velocity shows something that slides, and first orders want to
-/// be there. Those that do not wait begin where the level began.
+/// Iterations of a level after which a slip may be plain, see momenta.plain_shear.
+constexpr int kEarlyLook = 3;
+
+}  // namespace
+
+/// Whether the velocity of order 0, which is alone, shows at least so much simple shear, and first orders want to be
+/// there.
+template <int Dim>
+bool PyramidRun<Dim>::shows_slip(double least_shear) {
+  level_.simple_shear = simple_shear(objective_->flow_lattice(), objective_->starting_velocity(reached_.minimiser.x));
+  return level_.simple_shear >= least_shear && (!options_.momenta.first_order_waits || would_join());
+}
+
+/// The round of order 0 alone that first orders depend on. After a few iterations a slip may be so plain that the rest
+/// would tell nothing new; if it is not, the round goes on as if it had not been asked.
+template <int Dim>
+MinimiseSummary PyramidRun<Dim>::minimise_until_plain() {
+  MinimiseOptions few = how_;
+  few.max_iterations = std::min(how_.max_iterations, kEarlyLook);
+  // One that is taken up again beyond these was asked before.
+  if (options_.momenta.plain_shear > 0 && reached_.minimiser.iterations() <= few.max_iterations) {
+    const MinimiseSummary found = minimise_as(few);
+    if (found.termination != MinimiseTermination::IterationLimit) return found;
+    level_.was_plain = shows_slip(options_.momenta.plain_shear);
+    if (level_.was_plain) return found;
+  }
+  return minimise_as(how_);
+}
+
+/// After the round in which order 0 was alone: whether its velocity shows something that slides. First orders that do
+/// not wait begin where the level began.
 template <int Dim>
 bool PyramidRun<Dim>::first_orders_are_worth_it() {
-  std::vector<Scalar>& momenta = reached_.minimiser.x;
-  level_.simple_shear = simple_shear(objective_->flow_lattice(), objective_->starting_velocity(momenta));
-  const bool is_worth_it = level_.simple_shear >= options_.momenta.first_order_shear &&
-                           (!options_.momenta.first_order_waits || would_join());
-  if (is_worth_it && !reached_.level_start.empty()) momenta = std::move(reached_.level_start);
+  const bool is_worth_it = level_.was_plain || shows_slip(options_.momenta.first_order_shear);
+  if (is_worth_it && !reached_.level_start.empty()) reached_.minimiser.x = std::move(reached_.level_start);
   reached_.level_start.clear();
   level_.decision = is_worth_it ? FirstOrderDecision::LetIn : FirstOrderDecision::LeftOut;
   if (!is_worth_it) return false;
@@ -60,9 +87,10 @@ void PyramidRun<Dim>::begin_beside_first_orders() {
   if (has_objective) make_objective(rounds_[1]);
 }
 
-#define SALTUS_FIRST_ORDERS(DIM)                              \
-  template bool PyramidRun<DIM>::first_orders_are_worth_it(); \
-  template bool PyramidRun<DIM>::would_join();                \
+#define SALTUS_FIRST_ORDERS(DIM)                                    \
+  template MinimiseSummary PyramidRun<DIM>::minimise_until_plain(); \
+  template bool PyramidRun<DIM>::first_orders_are_worth_it();       \
+  template bool PyramidRun<DIM>::would_join();                      \
   template void PyramidRun<DIM>::begin_beside_first_orders();
 SALTUS_FIRST_ORDERS(2)
 SALTUS_FIRST_ORDERS(3)

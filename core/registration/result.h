@@ -36,7 +36,8 @@ enum class Termination {
 };
 std::string to_string(Termination termination);
 
-/// Whether first orders are worth it (momenta.first_order_shear), asked on a level when order 0 had settled alone.
+/// Whether first orders are worth it (momenta.first_order_shear), asked on a level when order 0 had settled alone, or
+/// before that where a slip was plain (momenta.plain_shear).
 enum class FirstOrderDecision {
   None,  ///< not asked: there are none, they always take part, or they were let in on a coarser level
   LeftOut,
@@ -60,6 +61,7 @@ struct LevelSummary {
   double kept_out_share = 0;      ///< most of all blocks that momenta.most_active_share had no room for at a time
   FirstOrderDecision decision = FirstOrderDecision::None;
   double simple_shear = 0;    ///< of the velocity that it rests on, see simple_shear.h
+  bool was_plain = false;     ///< that order 0 had not settled by then, nor needed to
   double shear_before = -1;   ///< simple shear that the level before ended with; -1: narrow_width_shear did not ask
   double narrow_share = 1;    ///< what narrow widths count in the order-0 scale that begins here while it is alone
   int oriented_elements = 0;  ///< at the end: active oriented momenta

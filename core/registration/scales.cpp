@@ -40,6 +40,16 @@ double least_shear(int dimension, SimilarityType similarity) {
   return similarity == SimilarityType::Lncc ? 10.6 : 5.5;
 }
 
+/// What it has at least, early on a level, where order 0 need not settle first: not while first orders do not wait for
+/// it anyhow (ssd), nor where it has another weight beside them and goes on from there. Smooth motion has no more shear
+/// early than at its end, but breathing up to half as much again; core/measurements.md, "Only where it slides".
+double plain_shear(int dimension, const RegistrationOptions& options) {
+  const bool begins_anew = !options.momenta.first_order_waits;
+  const bool is_stiffer =
+      dimension == 3 && options.similarity == SimilarityType::Lncc && options.preset != Preset::Fast;
+  return begins_anew || is_stiffer ? 2 * options.momenta.first_order_shear : 0;
+}
+
 /// What a velocity has at least where order 0 needs narrow widths, see simple_shear; measured, core/measurements.md,
 /// "Widths". In 3-D 4.5 is that of chance which keeps volumes.
 double sharp_shear(int dimension, SimilarityType similarity) {
@@ -148,6 +158,8 @@ RegistrationOptions resolved(const RegistrationOptions& options, const Lattice<D
     const bool may_be_left_out = o.momenta.first_order_scales > 0 && o.momenta.sparsity > 0;
     o.momenta.first_order_shear = may_be_left_out ? least_shear(Dim, o.similarity) : 0;
   }
+  if (o.momenta.plain_shear < 0) o.momenta.plain_shear = plain_shear(Dim, o);
+  if (o.optimisation.round_tolerance < 0) o.optimisation.round_tolerance = Dim == 3 ? 0.5 : 0.1;
   if (o.optimisation.history == 0) o.optimisation.history = usual_history(Dim, o.model, o.similarity);
   if (o.flow.divergence_weight < 0)
     o.flow.divergence_weight = o.similarity == SimilarityType::Lncc

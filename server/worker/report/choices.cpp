@@ -65,8 +65,8 @@ std::string measured_from(const std::string& name, const ReportInput<Dim>& input
   }
   if (name == "most_active_share") return "from the model and the dimension; it bounds the memory that a job declares";
   if (name == "kernel_widths") return "from the model, the similarity and the noise on the finest level";
-  if (name == "regularisation" || name == "first_order_shear" || name == "oblique_share" ||
-      name == "oriented_sparsity" || name == "divergence_weight")
+  if (name == "regularisation" || name == "first_order_shear" || name == "plain_shear" || name == "oblique_share" ||
+      name == "oriented_sparsity" || name == "divergence_weight" || name == "round_tolerance")
     return "from the similarity and the dimension, for which it was measured";
   if (name == "history") return "from the dimension, the similarity and the model";
   if (name == "narrow_width_shear") {
@@ -167,8 +167,9 @@ std::vector<Choice> choices(const ReportInput<Dim>& input) {
     const bool shows = level.simple_shear >= asked.first_order_shear;
     found.push_back({"level " + std::to_string(level.level) + ": first-order momenta", is_in ? "let in" : "left out",
                      "",
-                     "with order 0 settled the simple shear of its velocity was " + number(level.simple_shear) +
-                         " (asked: " + number(asked.first_order_shear) + "): " +
+                     std::string(level.was_plain ? "before order 0 had settled" : "with order 0 settled") +
+                         " the simple shear of its velocity was " + number(level.simple_shear) +
+                         " (asked: " + number(level.was_plain ? asked.plain_shear : asked.first_order_shear) + "): " +
                          (is_in   ? "something slides"
                           : shows ? "something slides, but none of them wanted to join"
                                   : "nothing slides so much that they are worth their time"),
