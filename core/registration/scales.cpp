@@ -63,6 +63,12 @@ double lncc_sparsity(int dimension, Preset preset) {
   return dimension == 2 ? 0.1 : 0.025;
 }
 
+/// Of correlations with auto: what the next round makes its weights from is seen after a few iterations in 3-D with
+/// lncc; core/measurements.md, "Sparsity".
+double usual_round_tolerance(int dimension, SimilarityType similarity) {
+  return dimension == 3 && similarity == SimilarityType::Lncc ? 0.5 : 0.1;
+}
+
 /// Pairs that L-BFGS keeps; measured, core/measurements.md, "Pairs of L-BFGS".
 int usual_history(int dimension, Model model, SimilarityType similarity) {
   // Where every site has first orders a pair takes more than a third of what images and map do; two are as good.
@@ -159,7 +165,7 @@ RegistrationOptions resolved(const RegistrationOptions& options, const Lattice<D
     o.momenta.first_order_shear = may_be_left_out ? least_shear(Dim, o.similarity) : 0;
   }
   if (o.momenta.plain_shear < 0) o.momenta.plain_shear = plain_shear(Dim, o);
-  if (o.optimisation.round_tolerance < 0) o.optimisation.round_tolerance = Dim == 3 ? 0.5 : 0.1;
+  if (o.optimisation.round_tolerance < 0) o.optimisation.round_tolerance = usual_round_tolerance(Dim, o.similarity);
   if (o.optimisation.history == 0) o.optimisation.history = usual_history(Dim, o.model, o.similarity);
   if (o.flow.divergence_weight < 0)
     o.flow.divergence_weight = o.similarity == SimilarityType::Lncc

@@ -197,6 +197,24 @@ TEST(Checkpoint, ResumesWhereFirstOrdersWereAskedForWithTheSameEnd) {
     }
 }
 
+// Asked early, and the round over (with lncc order 0 goes on in the next one) or, asked in vain, going on.
+TEST(Checkpoint, ResumesWhereASlipIsLookedForEarlyWithTheSameEnd) {
+  for (SimilarityType similarity : {SimilarityType::Lncc, SimilarityType::Ssd})
+    for (double shear : {1e-9, 1e9}) {
+      SCOPED_TRACE(to_string(similarity) + " " + std::to_string(shear));
+      RegistrationOptions options = quick(similarity);
+      options.optimisation.max_iterations = 6;
+      options.momenta.sparsity = similarity == SimilarityType::Lncc ? 1e-3 : 1e-5;
+      options.momenta.first_order_shear = 1e-9;
+      options.momenta.plain_shear = shear;
+      const RegistrationResult<2> whole = register_images<2>(plane(), options);
+      const LevelSummary& asked = whole.summary.levels[similarity == SimilarityType::Ssd ? 0 : 1];
+      ASSERT_EQ(asked.decision, FirstOrderDecision::LetIn);
+      ASSERT_EQ(asked.was_plain, shear < 1);
+      resumes_anywhere<2>(plane(), options);
+    }
+}
+
 // Order 0 gets another weight as soon as first orders are there, and other momenta for it.
 TEST(Checkpoint, ResumesWhereOrder0HasAnotherWeightBesideFirstOrdersWithTheSameEnd) {
   for (double shear : {0.0, 1e-9}) {

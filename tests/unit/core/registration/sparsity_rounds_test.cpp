@@ -235,6 +235,18 @@ TEST(RoundTolerance, FollowsTheContrast) {
   EXPECT_LT(tolerance(0.25 * asked.momenta.full_contrast), 0.1 * asked.optimisation.round_tolerance);
 }
 
+TEST(RoundTolerance, IsWhatWasMeasured) {
+  const Lattice<2> plane{{64, 64}, {1, 1}, {}};
+  const Lattice<3> cube{{64, 64, 64}, {1, 1, 1}, {}};
+  for (SimilarityType similarity : {SimilarityType::Ncc, SimilarityType::Lncc}) {
+    RegistrationOptions asked = default_options(Model::Auto, similarity, Preset::Balanced);
+    EXPECT_EQ(resolved(asked, plane).optimisation.round_tolerance, 0.1);
+    EXPECT_EQ(resolved(asked, cube).optimisation.round_tolerance, similarity == SimilarityType::Lncc ? 0.5 : 0.1);
+    asked.optimisation.round_tolerance = 0.25;
+    EXPECT_EQ(resolved(asked, cube).optimisation.round_tolerance, 0.25);
+  }
+}
+
 // Order 0 goes on as long as asked before the look, and not longer where a level is more exact anyhow.
 TEST(LookTolerance, LetsOrderZeroSettleBeforeFirstOrdersAreAskedFor) {
   RegistrationOptions options = default_options(Model::Auto, SimilarityType::Ssd, Preset::Balanced);

@@ -163,6 +163,13 @@ TEST(Choices, TellWhetherFirstOrderMomentaWereLetInAndWhy) {
   EXPECT_THAT(line(), is("left out", "12.5", "something slides, but none"));
   level.simple_shear = 2.5;
   EXPECT_THAT(line(), is("left out", "2.5", "nothing slides"));
+  level.decision = FirstOrderDecision::LetIn;
+  level.simple_shear = 12.5;
+  level.was_plain = true;
+  scene.result.options.momenta.plain_shear = 9.5;
+  EXPECT_THAT(line(), Contains(AllOf(named, Field(&Choice::why, HasSubstr("before order 0 had settled the simple shear "
+                                                                          "of its velocity was 12.5 (asked: 9.5): "
+                                                                          "something slides")))));
 }
 
 TEST(Choices, TellWhatNarrowWidthsCountAndWhy) {

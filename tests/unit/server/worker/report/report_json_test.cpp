@@ -53,9 +53,10 @@ TEST(ReportJson, TellsWhatALevelDecidedOnFirstOrderMomenta) {
   LevelSummary& level = scene.result.summary.levels[0];
   level.simple_shear = 1.75;
   for (bool is_in : {true, false}) {
+    level.was_plain = is_in;
     level.decision = is_in ? FirstOrderDecision::LetIn : FirstOrderDecision::LeftOut;
     EXPECT_EQ(json::parse(json_of(scene.report))["levels"][0]["first_order_momenta"],
-              json({{"let_in", is_in}, {"simple_shear", 1.75}}));
+              json({{"let_in", is_in}, {"simple_shear", 1.75}, {"was_plain", is_in}}));
   }
 }
 

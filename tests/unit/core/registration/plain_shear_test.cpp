@@ -1,0 +1,180 @@
+// Slips that are plain before order 0 has settled. Oracle: the same registration in which order 0 always settles.
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <algorithm>
+
+#include "core/evaluation/field_error.h"
+#include "core/phantom/make_phantom.h"
+#include "core/registration/register_images.h"
+#include "core/registration/scales.h"
+#include "tests/support/phantom_pair.h"
+
+namespace saltus {
+namespace {
+
+using testing::pair_of;
+
+constexpr int kLooksAfter = 3;  // iterations
+
+template <int Dim>
+Phantom<Dim> phantom(PhantomKind kind, double angle_deg = 0) {  // 3-D: of 32^3 voxels on the finest level
+  PhantomOptions scene = default_phantom_options(kind, Dim);
+  scene.size = Dim == 2 ? std::array<int, 3>{96, 96, 1} : std::array<int, 3>{64, 64, 64};
+  scene.noise = 0.01;
+  scene.angle_deg = angle_deg;
+  if (kind == PhantomKind::Smooth) scene.displacement_mm = 4;
+  return make_phantom<Dim>(scene);
+}
+
+/// Of the level that was asked, in its first round.
+int first_iterations(const RegistrationSummary& summary, const LevelSummary& level) {
+  return static_cast<int>(std::count_if(summary.history.begin(), summary.history.end(), [&](const IterationRecord& at) {
+    return at.level == level.level && at.round == 1;
+  }));
+}
+
+const LevelSummary& asked(const RegistrationSummary& summary) {
+  const auto found = std::find_if(summary.levels.begin(), summary.levels.end(),
+                                  [](const LevelSummary& level) { return level.decision != FirstOrderDecision::None; });
+  if (found == summary.levels.end()) throw std::logic_error("no level was asked");
+  return *found;
+}
+
+int evaluations(const RegistrationSummary& summary) {
+  int sum = 0;
+  for (const LevelSummary& level : summary.levels) sum += level.evaluations;
+  return sum;
+}
+
+// With ssd first orders begin where the level began, whatever order 0 has done before.
+TEST(PlainShear, SavesWhatIsGivenUpAnyhow) {
+  const RegistrationInput<2> input = pair_of(phantom<2>(PhantomKind::Slip, 30));
+  RegistrationOptions options = default_options(Model::Auto, SimilarityType::Ssd, Preset::Balanced);
+  const RegistrationResult<2> found = register_images<2>(input, options);
+  const LevelSummary& level = asked(found.summary);
+  EXPECT_EQ(level.decision, FirstOrderDecision::LetIn);
+  EXPECT_TRUE(level.was_plain);
+  EXPECT_GE(level.simple_shear, found.options.momenta.plain_shear);
+  EXPECT_EQ(first_iterations(found.summary, level), kLooksAfter);
+
+  options.momenta.plain_shear = 0;
+  const RegistrationResult<2> settled = register_images<2>(input, options);
+  EXPECT_EQ(asked(settled.summary).decision, FirstOrderDecision::LetIn);
+  EXPECT_FALSE(asked(settled.summary).was_plain);
+  EXPECT_GT(first_iterations(settled.summary, asked(settled.summary)), 2 * kLooksAfter);
+  EXPECT_LT(evaluations(found.summary), evaluations(settled.summary));
+  EXPECT_EQ(found.displacement.samples, settled.displacement.samples);
+}
+
+// A level that was asked in vain, however often, is the same level.
+TEST(PlainShear, ChangesNothingWhereItIsNotReached) {
+  for (SimilarityType similarity : {SimilarityType::Ssd, SimilarityType::Lncc})
+    for (PhantomKind kind : {PhantomKind::Smooth, PhantomKind::Slip}) {
+      SCOPED_TRACE(to_string(similarity) + " " + to_string(kind));
+      const RegistrationInput<2> input = pair_of(phantom<2>(kind, 30));
+      RegistrationOptions options = default_options(Model::Auto, similarity, Preset::Balanced);
+      options.momenta.plain_shear = 1e9;
+      const RegistrationResult<2> asked_early = register_images<2>(input, options);
+      EXPECT_FALSE(asked(asked_early.summary).was_plain);
+      options.momenta.plain_shear = 0;
+      const RegistrationResult<2> settled = register_images<2>(input, options);
+      EXPECT_EQ(asked(asked_early.summary).simple_shear, asked(settled.summary).simple_shear);
+      EXPECT_EQ(evaluations(asked_early.summary), evaluations(settled.summary));
+      EXPECT_EQ(asked_early.displacement.samples, settled.displacement.samples);
+    }
+}
+
+TEST(PlainShear, IsNotSeenInSmoothMotion) {
+  for (SimilarityType similarity : {SimilarityType::Ssd, SimilarityType::Lncc}) {
+    SCOPED_TRACE(to_string(similarity));
+    const RegistrationOptions options = default_options(Model::Auto, similarity, Preset::Balanced);
+    for (const LevelSummary& level :
+         register_images<3>(pair_of(phantom<3>(PhantomKind::Smooth)), options).summary.levels) {
+      EXPECT_NE(level.decision, FirstOrderDecision::LetIn);
+      EXPECT_FALSE(level.was_plain);
+    }
+  }
+}
+
+// Order 0 goes on beside first orders, with another weight: nothing is lost by what it had not yet settled.
+TEST(PlainShear, LosesNothingInSpaceWithLncc) {
+  const Phantom<3> slip = phantom<3>(PhantomKind::Slip, 20);
+  RegistrationOptions options = default_options(Model::Auto, SimilarityType::Lncc, Preset::Balanced);
+  const auto error = [&](bool is_plain, int& iterations) {
+    const RegistrationResult<3> found = register_images<3>(pair_of(slip), options);
+    EXPECT_EQ(asked(found.summary).was_plain, is_plain);
+    iterations = evaluations(found.summary);
+    double sum = 0;
+    for (double at : endpoint_errors<3>(found.displacement, slip.displacement, slip.masks.valid)) sum += at;
+    return sum;
+  };
+  int early = 0, late = 0;
+  const double found = error(true, early);
+  options.momenta.plain_shear = 0;
+  EXPECT_LT(found, 1.02 * error(false, late));
+  EXPECT_LT(early, late);
+}
+
+// Where none of the first orders wants to be, order 0 goes on until it has settled, and is asked again.
+TEST(PlainShear, IsNotEnoughWhereNoneWouldJoin) {
+  const RegistrationInput<2> input = pair_of(phantom<2>(PhantomKind::Slip));
+  RegistrationOptions options = default_options(Model::Auto, SimilarityType::Lncc, Preset::Balanced);
+  options.momenta.orientations = 0;
+  options.momenta.sparsity = 1e6;
+  options.momenta.first_order_shear = options.momenta.plain_shear = 1e-9;
+  const RegistrationResult<2> found = register_images<2>(input, options);
+  EXPECT_EQ(asked(found.summary).decision, FirstOrderDecision::LeftOut);
+  EXPECT_FALSE(asked(found.summary).was_plain);
+  options.momenta.plain_shear = 0;
+  const RegistrationResult<2> settled = register_images<2>(input, options);
+  EXPECT_EQ(asked(found.summary).evaluations, asked(settled.summary).evaluations + 1);
+  EXPECT_EQ(found.displacement.samples, settled.displacement.samples);
+}
+
+// Whoever says stop while a slip is looked for is not asked again.
+TEST(PlainShear, StopsWhereItIsTold) {
+  const RegistrationInput<2> input = pair_of(phantom<2>(PhantomKind::Slip, 30));
+  RegistrationOptions options = default_options(Model::Auto, SimilarityType::Ssd, Preset::Balanced);
+  options.pyramid.levels = 1;
+  for (int iteration = 1; iteration <= kLooksAfter; ++iteration) {
+    bool is_told = false;
+    int calls_after = 0;
+    const RegistrationResult<2> found = register_images<2>(input, options, [&](const Progress& at) {
+      calls_after += is_told;
+      is_told = is_told || at.iteration >= iteration;
+      return is_told ? ProgressAnswer::Stop : ProgressAnswer::Continue;
+    });
+    EXPECT_EQ(found.summary.termination, Termination::Stopped) << iteration;
+    EXPECT_EQ(calls_after, 0) << iteration;
+    EXPECT_EQ(found.summary.levels.back().decision, FirstOrderDecision::None) << iteration;
+  }
+}
+
+TEST(PlainShear, IsWhatWasMeasured) {
+  const Lattice<2> plane{{128, 128}, {1, 1}, {}};
+  const Lattice<3> cube{{128, 128, 128}, {1, 1, 1}, {}};
+  const auto momenta = [](Model model, SimilarityType similarity, Preset preset, const auto& image) {
+    return resolved(default_options(model, similarity, preset), image).momenta;
+  };
+  const auto share = [&](SimilarityType similarity, Preset preset, const auto& image) {
+    const RegistrationOptions::Momenta found = momenta(Model::Auto, similarity, preset, image);
+    return found.plain_shear / found.first_order_shear;
+  };
+  for (Preset preset : {Preset::Fast, Preset::Balanced, Preset::Accurate}) {
+    EXPECT_EQ(share(SimilarityType::Ssd, preset, plane), 2);
+    EXPECT_EQ(share(SimilarityType::Ssd, preset, cube), 2);
+    EXPECT_EQ(share(SimilarityType::Lncc, preset, plane), 0);
+    EXPECT_EQ(share(SimilarityType::Lncc, preset, cube), preset == Preset::Fast ? 0 : 2);
+    EXPECT_EQ(share(SimilarityType::Ncc, preset, plane), 0);
+    EXPECT_EQ(share(SimilarityType::Ncc, preset, cube), 0);
+    EXPECT_EQ(momenta(Model::Sliding, SimilarityType::Ssd, preset, plane).plain_shear, 0);
+  }
+  RegistrationOptions given = default_options(Model::Auto, SimilarityType::Ssd, Preset::Balanced);
+  given.momenta.plain_shear = 7;
+  EXPECT_EQ(resolved(given, plane).momenta.plain_shear, 7);
+  EXPECT_EQ(resolved(resolved(given, plane), plane).momenta.plain_shear, 7);
+}
+
+}  // namespace
+}  // namespace saltus
