@@ -1,15 +1,15 @@
 #include "core/optimisation/lbfgs.h"
 
+#include "core/optimisation/group_orthants.h"
+#include "core/optimisation/long_vectors.h"
+#include "core/optimisation/preconditioner.h"
 #include "core/support/errors.h"
-#include "core/support/reduction.h"
-#include "core/support/thread_count.h"
 
 #include <algorithm>
 #include <cmath>
 #include <deque>
 #include <stdexcept>
 #include <tuple>
-#include <type_traits>
 
 namespace saltus {
 namespace {
@@ -19,23 +19,8 @@ namespace {
 constexpr int kFirstLookGap = 5, kLargestLookGap = 40;
 /// The share of a range that has to join for a look not to have been in vain, and for a run to go on.
 constexpr double kLeastJoined = 0.05;
-
-template <class A, class B>
-double dot(const std::vector<A>& a, const std::vector<B>& b) {
-  return ordered_sum(a.size(), [&](std::size_t i) { return static_cast<double>(a[i]) * static_cast<double>(b[i]); });
-}
-
-template <class Term, class T>
-void add_scaled(double factor, std::size_t count, const Term* terms, T* sum) {
-  const T f = static_cast<T>(factor);
-#pragma omp parallel for simd schedule(static) if (is_worth_threads(count))
-  for (std::size_t i = 0; i < count; ++i) sum[i] += f * static_cast<T>(terms[i]);
-}
-
-template <class Term, class T>
-void add_scaled(double factor, const std::vector<Term>& terms, std::vector<T>& sum) {
-  add_scaled(factor, sum.size(), terms.data(), sum.data());
-}
+/// Iterations that have to bring something for a run to go on, and that what joins has to show what it is worth.
+constexpr int kTrial = 5;
 
 /// direction = start + step direction
 template <class T>
@@ -68,165 +53,6 @@ void store(const std::vector<T>& values, std::vector<Stored<T>>& stored) {
 #pragma omp parallel for simd schedule(static) if (is_worth_threads(count))
   for (std::size_t i = 0; i < count; ++i) stored[i] = values[i];
 }
-
-template <class T, class Count>
-double square(const T* values, Count count) {
-  double sum = 0;
-  for (int k = 0; k < count; ++k) sum += static_cast<double>(values[k]) * values[k];
-  return sum;
-}
-
-/// What `with` gives for the size of the range's groups: a constant where it is one that fields have.
-template <class With>
-auto with_group_size(const GroupSparsity& range, With&& with) {
-  switch (range.group) {
-    case 1:
-      return with(std::integral_constant<int, 1>());
-    case 2:
-      return with(std::integral_constant<int, 2>());
-    case 3:
-      return with(std::integral_constant<int, 3>());
-    default:
-      return with(range.group);
-  }
-}
-
-/// Calls visit(first value of the group, the group's weight, its size) for every group.
-template <class Visit>
-void for_groups(const GroupSparsity& range, Visit&& visit) {
-  with_group_size(range, [&](auto size) {
-    const std::size_t groups = (range.end - range.begin) / static_cast<std::size_t>(size);
-#pragma omp parallel for schedule(static) if (is_worth_threads(groups))
-    for (std::size_t g = 0; g < groups; ++g)
-      visit(range.begin + g * static_cast<std::size_t>(size), range.weight_of(g), size);
-  });
-}
-
-template <class T>
-double sparsity_energy(const std::vector<GroupSparsity>& ranges, const std::vector<T>& x) {
-  double energy = 0;
-  for (const GroupSparsity& range : ranges) {
-    energy += with_group_size(range, [&](auto size) {
-      const std::size_t groups = (range.end - range.begin) / static_cast<std::size_t>(size);
-      return ordered_sum(groups, [&](std::size_t g) {
-        const double sum = square(x.data() + range.begin + g * static_cast<std::size_t>(size), size);
-        return sum > 0 ? range.weight_of(g) * std::sqrt(sum) : 0.0;  // that of a group kept at zero is infinite
-      });
-    });
-  }
-  return energy;
-}
-
-/// Turns the gradient of the smooth part into the subgradient of least length of the whole. Outside the ranges, where
-/// it is preconditioned by the objective, nothing changes.
-template <class T>
-void make_pseudo(const std::vector<GroupSparsity>& ranges, const std::vector<T>& x, std::vector<T>& gradient) {
-  for (const GroupSparsity& range : ranges)
-    for_groups(range, [&](std::size_t at, double weight, auto group) {
-      if (weight == 0) return;
-      const double sum = square(x.data() + at, group);
-      if (sum > 0) {
-        const double size = std::sqrt(sum);
-        for (int k = 0; k < group; ++k) gradient[at + k] += static_cast<T>(weight * x[at + k] / size);
-        return;
-      }
-      const double pull = square(gradient.data() + at, group);
-      const T keep = static_cast<T>(pull > weight * weight ? 1 - weight / std::sqrt(pull) : 0);
-      for (int k = 0; k < group; ++k) gradient[at + k] *= keep;
-    });
-}
-
-/// P, the preconditioner: a number on each sparsity range; elsewhere what the objective has made of a vector, which
-/// comes with it as `dense` (see Objective::evaluate).
-class Preconditioner {
- public:
-  Preconditioner(const std::vector<GroupSparsity>& ranges, std::size_t size) {
-    for (const GroupSparsity& range : ranges)
-      if (range.begin < range.end) pieces_.push_back({range.begin, range.end, 0, range.inverse_stiffness, true});
-    std::sort(pieces_.begin(), pieces_.end(), [](const Piece& a, const Piece& b) { return a.begin < b.begin; });
-    std::size_t at = 0;
-    for (std::size_t p = 0, ranged = pieces_.size(); p <= ranged; ++p) {
-      const std::size_t next = p < ranged ? pieces_[p].begin : size;
-      if (at < next) {
-        pieces_.push_back({at, next, dense_size_, 1, false});
-        dense_size_ += next - at;
-      }
-      if (p < ranged) at = pieces_[p].end;
-    }
-  }
-
-  /// a . P a, of what lies outside the ranges
-  template <class T>
-  double dense_square(const std::vector<T>& a, const std::vector<T>& dense) const {
-    double sum = 0;
-    for (const Piece& piece : pieces_) {
-      if (piece.is_range) continue;
-      const T *left = a.data() + piece.begin, *right = dense.data() + piece.at;
-      sum += ordered_sum(piece.end - piece.begin,
-                         [&](std::size_t i) { return static_cast<double>(left[i]) * static_cast<double>(right[i]); });
-    }
-    return sum;
-  }
-
-  /// Length of the vectors called `dense`.
-  std::size_t dense_size() const { return dense_size_; }
-
-  /// a . P b
-  template <class T>
-  double dot(const std::vector<T>& a, const std::vector<T>& b, const std::vector<T>& dense) const {
-    double sum = 0;
-    for (const Piece& piece : pieces_) {
-      const T *left = a.data() + piece.begin, *right = piece.values(b, dense);
-      sum += piece.factor * ordered_sum(piece.end - piece.begin, [&](std::size_t i) {
-               return static_cast<double>(left[i]) * static_cast<double>(right[i]);
-             });
-    }
-    return sum;
-  }
-
-  /// sum += P b
-  template <class T>
-  void add(const std::vector<T>& b, const std::vector<T>& dense, std::vector<T>& sum) const {
-    for (const Piece& piece : pieces_)
-      add_scaled(piece.factor, piece.end - piece.begin, piece.values(b, dense), sum.data() + piece.begin);
-  }
-
-  /// sum = scale (sum - alpha_k P y_k, the last pair first), in blocks that stay in the caches
-  template <class T>
-  void subtract(const std::deque<CurvaturePair<T>>& pairs, const std::vector<double>& alpha, T scale,
-                std::vector<T>& sum) const {
-    constexpr std::size_t most = 4096;
-    for (const Piece& piece : pieces_) {
-      const std::size_t blocks = (piece.end - piece.begin + most - 1) / most;
-#pragma omp parallel for schedule(static) if (is_worth_threads(piece.end - piece.begin))
-      for (std::size_t b = 0; b < blocks; ++b) {
-        const std::size_t begin = b * most, count = std::min(most, piece.end - piece.begin - begin);
-        T* values = sum.data() + piece.begin + begin;
-        for (std::size_t k = pairs.size(); k-- > 0;) {
-          const T f = static_cast<T>(-alpha[k] * piece.factor);
-          const Stored<T>* y = piece.values(pairs[k].y, pairs[k].y_preconditioned) + begin;
-#pragma omp simd
-          for (std::size_t i = 0; i < count; ++i) values[i] += f * static_cast<T>(y[i]);
-        }
-#pragma omp simd
-        for (std::size_t i = 0; i < count; ++i) values[i] *= scale;
-      }
-    }
-  }
-
- private:
-  struct Piece {
-    std::size_t begin, end, at;  ///< `at`: where it begins in `dense`
-    double factor;
-    bool is_range;
-    template <class T>
-    const T* values(const std::vector<T>& b, const std::vector<T>& dense) const {
-      return is_range ? b.data() + begin : dense.data() + at;
-    }
-  };
-  std::vector<Piece> pieces_;
-  std::size_t dense_size_ = 0;
-};
 
 /// sum += factor terms, and other . sum of what that gives
 template <class T>
@@ -267,34 +93,310 @@ void quasi_newton_direction(const Preconditioner& preconditioner, const std::deq
   scale_by(T(-1), direction);
 }
 
-/// Groups at zero move only where their own subgradient points.
+/// One run of `minimise`: its state, and beside it three vectors.
 template <class T>
-void align(const std::vector<GroupSparsity>& ranges, const std::vector<T>& x, const std::vector<T>& pseudo,
-           std::vector<T>& direction) {
-  for (const GroupSparsity& range : ranges)
-    for_groups(range, [&](std::size_t at, double weight, auto group) {
-      if (weight == 0 || square(x.data() + at, group) > 0) return;
-      double agreement = 0;
-      for (int k = 0; k < group; ++k) agreement -= static_cast<double>(direction[at + k]) * pseudo[at + k];
-      if (agreement > 0) return;
-      for (int k = 0; k < group; ++k) direction[at + k] = 0;
-    });
+class Minimisation {
+ public:
+  using Accepted = std::function<bool(const MinimiseStep&)>;
+  Minimisation(Objective<T>& objective, const MinimiseOptions& options, MinimiserState<T>& state,
+               const Accepted& accepted)
+      : objective_(objective),
+        options_(options),
+        state_(state),
+        accepted_(accepted),
+        preconditioner_(objective.sparsity(), objective.size()) {
+    if (options.history < 1) throw std::logic_error("L-BFGS keeps at least one pair");
+  }
+
+  MinimiseSummary run();
+
+ private:
+  enum class Next { Step, Again, End };
+
+  void begin();
+  Next next();
+  Next end(MinimiseTermination why);
+  Next end_unless_more_joins(MinimiseTermination why);
+  bool tell();
+  void measure_optimality();
+  bool step();
+  bool try_along(const std::deque<CurvaturePair<T>>& pairs);
+  void find_direction(const std::deque<CurvaturePair<T>>& pairs);
+  void move_on();
+
+  Evaluation evaluate(const std::vector<T>& at, std::vector<T>& gradient, std::vector<T>& preconditioned,
+                      double& sparsity);
+  bool is_due(int iteration) const;
+  Revision revise();
+  Revision revise_after_look(int iteration);
+  bool joins_here();
+  void find_pseudo();
+  void fit();
+
+  const std::vector<GroupSparsity>& ranges() const { return objective_.sparsity(); }
+  /// The subgradient at state_.x, as long as next_gradient_ holds it.
+  const std::vector<T>& pseudo() const { return ranges().empty() ? state_.gradient : next_gradient_; }
+  double reference() const {
+    return options_.optimality_reference > 0 ? options_.optimality_reference : state_.first_optimality;
+  }
+
+  Objective<T>& objective_;
+  const MinimiseOptions& options_;
+  MinimiserState<T>& state_;
+  const Accepted& accepted_;
+  Preconditioner preconditioner_;
+  MinimiseSummary summary_;
+
+  // `next_gradient_` is the pseudo-gradient until the next point is evaluated, and used up on the way to a direction;
+  // `candidate_` is first the direction, then the point it leads to. A step that was too long has them made again,
+  // which hardly shows: most steps are taken at the first trial.
+  std::vector<T> next_gradient_, next_preconditioned_, candidate_;
+  bool is_used_ = false;  ///< next_gradient_ is no longer the pseudo-gradient
+
+  double optimality_ = 0;                        ///< residual at state_.x, absolute
+  double step_ = 0, energy_ = 0, sparsity_ = 0;  ///< of the point found last
+  bool has_forgotten_ = false;                   ///< that point was found without the pairs
+  bool is_told_ = true;                          ///< whether `accepted` knows of the last step
+};
+
+template <class T>
+MinimiseSummary Minimisation<T>::run() {
+  if (state_.has_begun())
+    fit();
+  else
+    begin();
+  for (Next what = Next::Again; what != Next::End;) {
+    measure_optimality();
+    what = tell() ? next() : end(MinimiseTermination::Stopped);
+    if (what != Next::Step) continue;
+    const int iteration = state_.iterations() + 1;
+    const bool is_look = is_due(iteration);
+    objective_.look_everywhere(is_look);
+    if (!step()) {
+      what = end_unless_more_joins(MinimiseTermination::LineSearchFailed);
+      continue;
+    }
+    move_on();
+    const Revision revision = is_look ? revise_after_look(iteration) : revise();
+    if (revision.has_changed) fit();
+    is_told_ = false;
+  }
+  summary_.iterations = state_.iterations();
+  summary_.evaluations = state_.evaluations;
+  summary_.energy_before = state_.energies.front();
+  summary_.energy_after = state_.energies.back();
+  summary_.first_optimality = state_.first_optimality;
+  return summary_;
 }
 
-/// Groups that turned against x (or, from zero, against their subgradient) become exactly zero.
 template <class T>
-void project(const std::vector<GroupSparsity>& ranges, const std::vector<T>& x, const std::vector<T>& pseudo,
-             std::vector<T>& candidate) {
-  for (const GroupSparsity& range : ranges)
-    for_groups(range, [&](std::size_t at, double weight, auto group) {
-      if (weight == 0) return;
-      const bool from_zero = square(x.data() + at, group) == 0;
-      double agreement = 0;
-      for (int k = 0; k < group; ++k)
-        agreement += static_cast<double>(candidate[at + k]) * (from_zero ? -pseudo[at + k] : x[at + k]);
-      if (agreement > 0) return;
-      for (int k = 0; k < group; ++k) candidate[at + k] = 0;
+void Minimisation<T>::begin() {
+  objective_.look_everywhere(true);
+  state_.gradient.resize(objective_.size());
+  state_.preconditioned.resize(preconditioner_.dense_size());
+  const Evaluation start = evaluate(state_.x, state_.gradient, state_.preconditioned, sparsity_);
+  if (!start.is_valid)
+    throw NumericalFailure("the energy at the start or its gradient is not finite; check the images for NaN and Inf");
+  state_.energies = {start.value};
+  revise_after_look(0);
+  state_.look_gap = kFirstLookGap;
+  fit();
+  objective_.look_everywhere(false);
+  if (!(options_.noise_tolerance > 0)) return;
+  if (objective_.has_more())
+    throw std::logic_error("noise is looked at where nothing can join: the look forgets what wanted to");
+  if (!objective_.noise_gradient(state_.x, next_gradient_, next_preconditioned_)) return;
+  ++state_.evaluations;
+  const double square = preconditioner_.dense_square(next_gradient_, next_preconditioned_);
+  // What is not finite says nothing; the run then ends for other reasons.
+  if (std::isfinite(square)) state_.noise_optimality = std::sqrt(std::max(0.0, square));
+}
+
+template <class T>
+void Minimisation<T>::measure_optimality() {
+  find_pseudo();
+  optimality_ = std::sqrt(std::max(0.0, preconditioner_.dot(pseudo(), pseudo(), state_.preconditioned)));
+  if (state_.iterations() == 0) state_.first_optimality = optimality_;
+  summary_.optimality = reference() > 0 ? optimality_ / reference() : 0;
+}
+
+/// Of the last step; false where `accepted` wants no more.
+template <class T>
+bool Minimisation<T>::tell() {
+  if (is_told_) return true;
+  is_told_ = true;
+  return accepted_({state_.iterations(), state_.energies.back(), sparsity_, step_, summary_.optimality});
+}
+
+template <class T>
+auto Minimisation<T>::next() -> Next {
+  const int done = state_.iterations();
+  if (optimality_ <= options_.optimality_tolerance * reference())
+    return end_unless_more_joins(MinimiseTermination::Converged);
+  if (optimality_ * optimality_ <= options_.noise_tolerance * state_.noise_optimality * state_.noise_optimality)
+    return end_unless_more_joins(MinimiseTermination::NoiseFloor);
+  if (done >= kTrial && (state_.settled_at < 0 || done - state_.settled_at >= kTrial)) {
+    const double energy = state_.energies.back();
+    const double recent = state_.energies[static_cast<std::size_t>(done - kTrial)] - energy;
+    const double whole = options_.decrease_before + state_.energies.front() - energy;
+    if (recent > options_.tolerance * whole) {
+      state_.settled_at = -1;
+    } else if (state_.settled_at >= 0 || (state_.revised_at != done && !joins_here())) {
+      return end(MinimiseTermination::Settled);  // what joined last was worth too little, and nobody else is let in
+    } else {
+      state_.settled_at = done;
+      return Next::Again;
+    }
+  }
+  return done >= options_.max_iterations ? end(MinimiseTermination::IterationLimit) : Next::Step;
+}
+
+template <class T>
+auto Minimisation<T>::end(MinimiseTermination why) -> Next {
+  summary_.termination = why;
+  return Next::End;
+}
+
+template <class T>
+auto Minimisation<T>::end_unless_more_joins(MinimiseTermination why) -> Next {
+  return joins_here() ? Next::Again : end(why);
+}
+
+/// Finds a point with less energy: candidate_, with its gradients. False if there is none along the quasi-Newton
+/// direction, nor, where the model of the curvature was wrong, along steepest descent.
+template <class T>
+bool Minimisation<T>::step() {
+  has_forgotten_ = is_used_ = false;
+  if (try_along(state_.pairs)) return true;
+  if (state_.pairs.empty()) return false;
+  has_forgotten_ = true;
+  return try_along({});
+}
+
+template <class T>
+bool Minimisation<T>::try_along(const std::deque<CurvaturePair<T>>& pairs) {
+  find_direction(pairs);
+  if (!(dot(pseudo(), candidate_) < 0)) return false;
+  const double energy = state_.energies.back();
+  step_ = pairs.empty() ? objective_.first_step(candidate_) : 1.0;
+  for (int trial = 0; trial < options_.max_line_search; ++trial) {
+    if (trial > 0) find_direction(pairs);
+    walk(state_.x, step_, candidate_);
+    project(ranges(), state_.x, pseudo(), candidate_);
+    const std::vector<T>& pull = pseudo();
+    const double expected = ordered_sum(candidate_.size(), [&](std::size_t i) {
+      return static_cast<double>(pull[i]) * (static_cast<double>(candidate_[i]) - state_.x[i]);
     });
+    const Evaluation found = evaluate(candidate_, next_gradient_, next_preconditioned_, sparsity_);
+    energy_ = found.value;
+    if (found.is_valid && found.value < energy && found.value <= energy + 1e-4 * expected) return true;
+    // Minimum of the parabola through both values and the slope, kept within a safe range.
+    double factor = 0.25;
+    if (found.is_valid && expected < 0) {
+      const double excess = found.value - energy - expected;
+      if (excess > 0) factor = std::clamp(-expected / (2 * excess), 0.1, 0.6);
+    }
+    step_ *= factor;
+  }
+  return false;
+}
+
+template <class T>
+void Minimisation<T>::find_direction(const std::deque<CurvaturePair<T>>& pairs) {
+  if (is_used_) find_pseudo();
+  quasi_newton_direction(preconditioner_, pairs, state_.preconditioned, next_gradient_, candidate_);
+  if (!ranges().empty()) find_pseudo();
+  align(ranges(), state_.x, pseudo(), candidate_);
+  is_used_ = true;
+}
+
+/// The state moves on to the new point, and the vectors of the old one become the changes.
+template <class T>
+void Minimisation<T>::move_on() {
+  for (const auto& [now, before] : {std::tie(candidate_, state_.x), std::tie(next_gradient_, state_.gradient),
+                                    std::tie(next_preconditioned_, state_.preconditioned)}) {
+    make_change(now, before);
+    std::swap(now, before);
+  }
+  if (has_forgotten_) state_.pairs.clear();
+  state_.energies.push_back(energy_);
+  const double curvature = dot(candidate_, next_gradient_);
+  const double size = preconditioner_.dot(next_gradient_, next_gradient_, next_preconditioned_);
+  if (!(curvature > 1e-8 * std::abs(size) && size > 0)) return;
+  CurvaturePair<T> pair;
+  if (static_cast<int>(state_.pairs.size()) >= options_.history) {
+    pair = std::move(state_.pairs.front());
+    state_.pairs.pop_front();
+  }
+  store(candidate_, pair.s);
+  store(next_gradient_, pair.y);
+  store(next_preconditioned_, pair.y_preconditioned);
+  pair.rho = 1 / curvature;
+  state_.pairs.push_back(std::move(pair));
+}
+
+template <class T>
+Evaluation Minimisation<T>::evaluate(const std::vector<T>& at, std::vector<T>& gradient, std::vector<T>& preconditioned,
+                                     double& sparsity) {
+  ++state_.evaluations;
+  Evaluation found = objective_.evaluate(at, gradient, preconditioned);
+  sparsity = sparsity_energy(ranges(), at);
+  found.value += sparsity;
+  found.is_valid = found.is_valid && std::isfinite(found.value) &&
+                   std::isfinite(preconditioner_.dot(gradient, gradient, preconditioned));
+  return found;
+}
+
+/// Depends on the state alone, so that a run that is taken up again looks when it would have.
+template <class T>
+bool Minimisation<T>::is_due(int iteration) const {
+  return !objective_.has_more() || static_cast<long long>(iteration) - state_.looked_at >= state_.look_gap;
+}
+
+template <class T>
+Revision Minimisation<T>::revise() {
+  // A vector that changes its length is there twice for a while, and this one is not needed then.
+  if (!ranges().empty()) candidate_ = {};
+  return objective_.revise(state_);
+}
+
+/// The last evaluation looked everywhere, at state_.x: lets in what wants to take part.
+template <class T>
+Revision Minimisation<T>::revise_after_look(int iteration) {
+  const Revision revision = revise();
+  state_.looked_at = iteration;
+  const bool is_more = revision.joined > kLeastJoined;
+  state_.look_gap = is_more ? kFirstLookGap : 2 * std::clamp(state_.look_gap, kFirstLookGap, kLargestLookGap / 2);
+  if (is_more) state_.revised_at = iteration;
+  return revision;
+}
+
+/// Before a run ends where it has not looked: whether something that was outside the working set wants to take part.
+template <class T>
+bool Minimisation<T>::joins_here() {
+  const int iteration = state_.iterations();
+  if (!objective_.has_more() || state_.looked_at == iteration) return false;
+  objective_.look_everywhere(true);
+  double sparsity_here = 0;
+  evaluate(state_.x, next_gradient_, next_preconditioned_, sparsity_here);
+  const Revision revision = revise_after_look(iteration);
+  if (revision.has_changed) fit();
+  return revision.joined > kLeastJoined;
+}
+
+template <class T>
+void Minimisation<T>::find_pseudo() {
+  next_gradient_ = state_.gradient;
+  make_pseudo(ranges(), state_.x, next_gradient_);
+}
+
+/// Makes the vectors exactly as large as the objective wants: what it dropped must not stay allocated.
+template <class T>
+void Minimisation<T>::fit() {
+  preconditioner_ = Preconditioner(ranges(), objective_.size());
+  next_gradient_ = std::vector<T>(objective_.size());
+  next_preconditioned_ = std::vector<T>(preconditioner_.dense_size());
+  candidate_ = {};
 }
 
 }  // namespace
@@ -302,212 +404,7 @@ void project(const std::vector<GroupSparsity>& ranges, const std::vector<T>& x, 
 template <class T>
 MinimiseSummary minimise(Objective<T>& objective, const MinimiseOptions& options, MinimiserState<T>& state,
                          const std::function<bool(const MinimiseStep&)>& accepted) {
-  const std::vector<GroupSparsity>& ranges = objective.sparsity();
-  Preconditioner preconditioner(ranges, objective.size());
-  // Beside the state's vectors there are these alone. `next_gradient` is the pseudo-gradient until the next point is
-  // evaluated, and used up on the way to a direction; `candidate` is first the direction, then the point it leads to.
-  // A step that was too long has them made again, which hardly shows: most steps are taken at the first trial.
-  std::vector<T> next_gradient, next_preconditioned, candidate;
-  // Exactly as large as the objective wants: what it dropped must not stay allocated.
-  const auto fit = [&] {
-    preconditioner = Preconditioner(ranges, objective.size());
-    next_gradient = std::vector<T>(objective.size());
-    next_preconditioned = std::vector<T>(preconditioner.dense_size());
-    candidate = {};
-  };
-  const std::deque<CurvaturePair<T>> no_pairs;
-
-  const auto total = [&](const std::vector<T>& at, std::vector<T>& g, std::vector<T>& p, double& sparse) {
-    ++state.evaluations;
-    Evaluation evaluation = objective.evaluate(at, g, p);
-    sparse = sparsity_energy(ranges, at);
-    evaluation.value += sparse;
-    evaluation.is_valid =
-        evaluation.is_valid && std::isfinite(evaluation.value) && std::isfinite(preconditioner.dot(g, g, p));
-    return evaluation;
-  };
-  MinimiseSummary summary;
-  const auto ended = [&](MinimiseTermination why) {
-    summary.termination = why;
-    summary.iterations = state.iterations();
-    summary.evaluations = state.evaluations;
-    summary.energy_before = state.energies.front();
-    summary.energy_after = state.energies.back();
-    summary.first_optimality = state.first_optimality;
-    return summary;
-  };
-
-  // Depends on the state alone, so that a run that is taken up again looks when it would have.
-  const auto is_due = [&](int iteration) {
-    return !objective.has_more() || static_cast<long long>(iteration) - state.looked_at >= state.look_gap;
-  };
-  // A vector that changes its length is there twice for a while, and `candidate` is not needed then.
-  const auto revise = [&] {
-    if (!ranges.empty()) candidate = {};
-    return objective.revise(state);
-  };
-  // The last evaluation looked everywhere, at state.x: lets in what wants to take part.
-  const auto revise_after_look = [&](int iteration) {
-    const Revision revision = revise();
-    state.looked_at = iteration;
-    const bool is_more = revision.joined > kLeastJoined;
-    state.look_gap = is_more ? kFirstLookGap : 2 * std::clamp(state.look_gap, kFirstLookGap, kLargestLookGap / 2);
-    if (is_more) state.revised_at = iteration;
-    return revision;
-  };
-
-  if (options.history < 1) throw std::logic_error("L-BFGS keeps at least one pair");
-  if (!state.has_begun()) {
-    objective.look_everywhere(true);
-    state.gradient.resize(objective.size());
-    state.preconditioned.resize(preconditioner.dense_size());
-    double sparse_at_start = 0;
-    const Evaluation start = total(state.x, state.gradient, state.preconditioned, sparse_at_start);
-    if (!start.is_valid)
-      throw NumericalFailure("the energy at the start or its gradient is not finite; check the images for NaN and Inf");
-    state.energies = {start.value};
-    revise_after_look(0);
-    state.look_gap = kFirstLookGap;
-    fit();
-    objective.look_everywhere(false);
-    if (options.noise_tolerance > 0 && objective.has_more())
-      throw std::logic_error("noise is looked at where nothing can join: the look forgets what wanted to");
-    if (options.noise_tolerance > 0 && objective.noise_gradient(state.x, next_gradient, next_preconditioned)) {
-      ++state.evaluations;
-      const double square = preconditioner.dense_square(next_gradient, next_preconditioned);
-      // What is not finite says nothing; the run then ends for other reasons.
-      if (std::isfinite(square)) state.noise_optimality = std::sqrt(std::max(0.0, square));
-    }
-  } else {
-    fit();
-  }
-
-  // Before a run ends where it has not looked: whether something that was outside the working set wants to take part.
-  const auto joins_here = [&](int iteration) {
-    if (!objective.has_more() || state.looked_at == iteration) return false;
-    objective.look_everywhere(true);
-    double sparse_here = 0;
-    total(state.x, next_gradient, next_preconditioned, sparse_here);
-    const Revision revision = revise_after_look(iteration);
-    if (revision.has_changed) fit();
-    return revision.joined > kLeastJoined;
-  };
-
-  bool is_told = true;  // whether `accepted` knows of the last step
-  double sparse = 0, step = 0;
-  for (;;) {
-    const int done = state.iterations();
-    const double energy = state.energies.back();
-    const auto find_pseudo = [&] {
-      next_gradient = state.gradient;
-      make_pseudo(ranges, state.x, next_gradient);
-    };
-    find_pseudo();
-    const std::vector<T>& pseudo = ranges.empty() ? state.gradient : next_gradient;
-    const double optimality = std::sqrt(std::max(0.0, preconditioner.dot(pseudo, pseudo, state.preconditioned)));
-    if (done == 0) state.first_optimality = optimality;
-    const double reference = options.optimality_reference > 0 ? options.optimality_reference : state.first_optimality;
-    summary.optimality = reference > 0 ? optimality / reference : 0;
-    if (!is_told && !accepted({done, energy, sparse, step, summary.optimality}))
-      return ended(MinimiseTermination::Stopped);
-    is_told = true;
-    if (optimality <= options.optimality_tolerance * reference) {
-      if (joins_here(done)) continue;
-      return ended(MinimiseTermination::Converged);
-    }
-    if (optimality * optimality <= options.noise_tolerance * state.noise_optimality * state.noise_optimality) {
-      if (joins_here(done)) continue;
-      return ended(MinimiseTermination::NoiseFloor);
-    }
-    if (done >= 5 && (state.settled_at < 0 || done - state.settled_at >= 5)) {
-      const double recent = state.energies[done - 5] - energy;
-      const double whole = options.decrease_before + state.energies[0] - energy;
-      if (recent > options.tolerance * whole) {
-        state.settled_at = -1;
-      } else {
-        // What joins gets five iterations to show what it is worth. If that is too little, nobody else is let in.
-        if (state.settled_at >= 0 || (state.revised_at != done && !joins_here(done)))
-          return ended(MinimiseTermination::Settled);
-        state.settled_at = done;
-        continue;
-      }
-    }
-    if (done >= options.max_iterations) return ended(MinimiseTermination::IterationLimit);
-
-    const bool is_look = is_due(done + 1);
-    objective.look_everywhere(is_look);
-    bool found = false, has_forgotten = false, is_used = false;  // what next_gradient is at the top
-    double next_energy = 0, next_sparse = 0;
-    for (int attempt = 0; attempt < 2 && !found; ++attempt) {
-      if (attempt == 1) {
-        if (state.pairs.empty()) break;
-        has_forgotten = true;  // the model of the curvature was wrong: start again from steepest descent
-      }
-      const std::deque<CurvaturePair<T>>& pairs = has_forgotten ? no_pairs : state.pairs;
-      const auto find_direction = [&] {
-        if (is_used) find_pseudo();
-        quasi_newton_direction(preconditioner, pairs, state.preconditioned, next_gradient, candidate);
-        if (!ranges.empty()) find_pseudo();
-        align(ranges, state.x, pseudo, candidate);
-        is_used = true;
-      };
-      find_direction();
-      if (!(dot(pseudo, candidate) < 0)) continue;
-      step = pairs.empty() ? objective.first_step(candidate) : 1.0;
-      for (int trial = 0; trial < options.max_line_search; ++trial) {
-        if (trial > 0) find_direction();
-        walk(state.x, step, candidate);
-        project(ranges, state.x, pseudo, candidate);
-        const double expected = ordered_sum(candidate.size(), [&](std::size_t i) {
-          return static_cast<double>(pseudo[i]) * (static_cast<double>(candidate[i]) - state.x[i]);
-        });
-        const Evaluation evaluation = total(candidate, next_gradient, next_preconditioned, next_sparse);
-        if (evaluation.is_valid && evaluation.value < energy && evaluation.value <= energy + 1e-4 * expected) {
-          next_energy = evaluation.value;
-          found = true;
-          break;
-        }
-        // Minimum of the parabola through both values and the slope, kept within a safe range.
-        double factor = 0.25;
-        if (evaluation.is_valid && expected < 0) {
-          const double excess = evaluation.value - energy - expected;
-          if (excess > 0) factor = std::clamp(-expected / (2 * excess), 0.1, 0.6);
-        }
-        step *= factor;
-      }
-    }
-    if (!found) {
-      if (joins_here(done)) continue;
-      return ended(MinimiseTermination::LineSearchFailed);
-    }
-
-    // The state moves on to the new point, and the vectors of the old one become the changes.
-    for (const auto& [now, before] : {std::tie(candidate, state.x), std::tie(next_gradient, state.gradient),
-                                      std::tie(next_preconditioned, state.preconditioned)}) {
-      make_change(now, before);
-      std::swap(now, before);
-    }
-    if (has_forgotten) state.pairs.clear();
-    const double curvature = dot(candidate, next_gradient);
-    const double size = preconditioner.dot(next_gradient, next_gradient, next_preconditioned);
-    if (curvature > 1e-8 * std::abs(size) && size > 0) {
-      CurvaturePair<T> pair;
-      if (static_cast<int>(state.pairs.size()) >= options.history) {
-        pair = std::move(state.pairs.front());
-        state.pairs.pop_front();
-      }
-      store(candidate, pair.s);
-      store(next_gradient, pair.y);
-      store(next_preconditioned, pair.y_preconditioned);
-      pair.rho = 1 / curvature;
-      state.pairs.push_back(std::move(pair));
-    }
-    state.energies.push_back(next_energy);
-    sparse = next_sparse;
-    const Revision revision = is_look ? revise_after_look(done + 1) : revise();
-    if (revision.has_changed) fit();
-    is_told = false;
-  }
+  return Minimisation<T>(objective, options, state, accepted).run();
 }
 
 template <class T>
