@@ -293,7 +293,6 @@ void GeodesicShooting<Dim, T>::adjoint(const std::vector<MomentumPointers<T>>& m
                                        std::vector<Field<T>>& velocity_duals,
                                        const std::vector<MomentumTargets<T>>& gradient,
                                        const std::vector<MomentumTargets<T>>& preconditioned) {
-  const T dt = T(1) / static_cast<T>(time_steps_);
   for (const ScaleState& state : states_)
     if (state.reached.size() != static_cast<std::size_t>(time_steps_))
       throw std::logic_error("the adjoint of shooting is asked for where the last shoot did not come to its end");
@@ -302,89 +301,105 @@ void GeodesicShooting<Dim, T>::adjoint(const std::vector<MomentumPointers<T>>& m
   for (ScaleState& state : states_)
     if (state.oriented) state.oriented->begin_adjoint();
   gather_between_steps(velocity_duals);
+  for (int k = time_steps_; k > 0; --k) {
+    correct_adjoint(k, velocity_duals);
+    synthesise_adjoint(k, velocity_duals[end_of_step(k)].data(), momenta, gradient, preconditioned);
+    predict_adjoint(k, velocity_duals);
+  }
+  synthesise_adjoint(0, velocity_duals[0].data(), momenta, gradient, preconditioned);
+}
 
-  for (int k = time_steps_; k >= 0; --k) {
-    // Corrector X_k = X_{k-1} + dt/2 (v_{k-1}(X_{k-1}) + v_k(predicted_k)): the part that needs v_k. No X_N exists.
-    for (auto& shared : lattices_) {
-      if (k == 0) break;
-      shared->acting.clear(shared->lattice, Dim, shared->predicted_dual.data());
-      if (k < time_steps_)
-        advance_adjoint<Dim, T>(shared->lattice, shared->acting, shared->predicted[k].data(), lattice_,
-                                velocities_[end_of_step(k)].data(), dt / 2, shared->position_dual.data(),
-                                velocity_duals[end_of_step(k)].data(), shared->predicted_dual.data());
+/// Of the corrector X_k = X_{k-1} + dt/2 (v_{k-1}(X_{k-1}) + v_k(predicted_k)) the part that needs v_k, whose dual is
+/// complete then. No X_N exists.
+template <int Dim, class T>
+void GeodesicShooting<Dim, T>::correct_adjoint(int k, std::vector<Field<T>>& velocity_duals) {
+  const T dt = T(1) / static_cast<T>(time_steps_);
+  const T* velocity = velocities_[end_of_step(k)].data();
+  T* velocity_dual = velocity_duals[end_of_step(k)].data();
+  for (auto& shared : lattices_) {
+    shared->acting.clear(shared->lattice, Dim, shared->predicted_dual.data());
+    if (k < time_steps_)
+      advance_adjoint<Dim, T>(shared->lattice, shared->acting, shared->predicted[k].data(), lattice_, velocity, dt / 2,
+                              shared->position_dual.data(), velocity_dual, shared->predicted_dual.data());
+  }
+  for (ScaleState& state : states_)
+    if (state.oriented) state.oriented->correct_adjoint(k, velocity, dt, velocity_dual);
+}
+
+/// From the dual of v_k to those of the momenta at the start and, where they were pushed, of predicted_k.
+template <int Dim, class T>
+void GeodesicShooting<Dim, T>::synthesise_adjoint(int k, const T* velocity_dual,
+                                                  const std::vector<MomentumPointers<T>>& momenta,
+                                                  const std::vector<MomentumTargets<T>>& gradient,
+                                                  const std::vector<MomentumTargets<T>>& preconditioned) {
+  for (auto& shared : lattices_) {
+    if (shared->moved.is_empty()) continue;
+    if (!shared->restricted.empty()) shared->prolongation.transpose(velocity_dual, shared->restricted.data());
+    if (k == 0) continue;
+    shared->sites.move(shared->predicted[k].data(), shared->moved);
+    shared->sites.begin_adjoint(shared->acting);
+  }
+  for (std::size_t s = 0; s < states_.size(); ++s) {
+    if (poll_) poll_();
+    ScaleState& state = states_[s];
+    SharedLattice& shared = *state.shared;
+    const Lattice<Dim>& lattice = shared.lattice;
+    if (state.oriented) state.oriented->add_velocity_adjoint(k, velocity_dual, gradient[s].oriented);
+    const AxisBlocks<Dim> wanted = wanted_of(s);
+    const MomentumMasks<Dim> masks = k == 0                    ? at_start(s, wanted)
+                                     : wanted == momenta_of(s) ? state.reached[static_cast<std::size_t>(k) - 1]
+                                                               : state.transport->reached(shared.sites, wanted);
+    if (masks.is_empty()) continue;
+    const T* on_lattice = shared.restricted.empty() ? velocity_dual : shared.restricted.data();
+    T* first_dual = mutable_pointer(state.first);
+    T* zeroth_dual = state.zeroth.empty() ? state.velocity.data() : state.zeroth.data();  // or scratch alone
+    state.scale->synthesise_transpose(on_lattice, masks, zeroth_dual, first_dual);
+    const T per_volume = static_cast<T>(1 / lattice.cell_volume());
+    if (k > 0) {
+      const AxisBlocks<Dim> start = momenta_of(s);
+      const bool has_first =
+          std::any_of(start.begin(), start.end(), [](const auto* blocks) { return !blocks || blocks->sites() > 0; });
+      state.transport->push_adjoint(shared.sites, momenta[s].zeroth, has_first ? momenta[s].first : nullptr, wanted,
+                                    zeroth_dual, first_dual, shared.predicted_dual.data(), gradient[s].zeroth,
+                                    gradient[s].first);
+      if (preconditioned[s].zeroth)
+        state.transport->pull_back(shared.sites, on_lattice, per_volume, preconditioned[s].zeroth);
+      continue;
     }
-    for (ScaleState& state : states_)
-      if (state.oriented && k > 0)
-        state.oriented->correct_adjoint(k, velocities_[end_of_step(k)].data(), dt,
-                                        velocity_duals[end_of_step(k)].data());
-    const T* all_of_velocity_dual = velocity_duals[end_of_step(k)].data();
-    // v_k is used nowhere else: its dual is complete.
-    for (auto& shared : lattices_) {
-      if (shared->moved.is_empty()) continue;
-      if (!shared->restricted.empty()) shared->prolongation.transpose(all_of_velocity_dual, shared->restricted.data());
-      if (k == 0) continue;
-      shared->sites.move(shared->predicted[k].data(), shared->moved);
-      shared->sites.begin_adjoint(shared->acting);
-    }
-    for (std::size_t s = 0; s < states_.size(); ++s) {
-      if (poll_) poll_();
-      ScaleState& state = states_[s];
-      SharedLattice& shared = *state.shared;
-      const Lattice<Dim>& lattice = shared.lattice;
-      if (state.oriented) state.oriented->add_velocity_adjoint(k, all_of_velocity_dual, gradient[s].oriented);
-      const AxisBlocks<Dim> wanted = wanted_of(s);
-      const MomentumMasks<Dim> masks = k == 0                    ? at_start(s, wanted)
-                                       : wanted == momenta_of(s) ? state.reached[static_cast<std::size_t>(k) - 1]
-                                                                 : state.transport->reached(shared.sites, wanted);
-      if (masks.is_empty()) continue;
-      const T* velocity_dual = shared.restricted.empty() ? all_of_velocity_dual : shared.restricted.data();
-      T* first_dual = mutable_pointer(state.first);
-      T* zeroth_dual = state.zeroth.empty() ? state.velocity.data() : state.zeroth.data();  // or scratch alone
-      state.scale->synthesise_transpose(velocity_dual, masks, zeroth_dual, first_dual);
-      const T per_volume = static_cast<T>(1 / lattice.cell_volume());
-      if (k > 0) {
-        const AxisBlocks<Dim> start = momenta_of(s);
-        const bool has_first =
-            std::any_of(start.begin(), start.end(), [](const auto* blocks) { return !blocks || blocks->sites() > 0; });
-        state.transport->push_adjoint(shared.sites, momenta[s].zeroth, has_first ? momenta[s].first : nullptr, wanted,
-                                      zeroth_dual, first_dual, shared.predicted_dual.data(), gradient[s].zeroth,
-                                      gradient[s].first);
-        if (preconditioned[s].zeroth)
-          state.transport->pull_back(shared.sites, velocity_dual, per_volume, preconditioned[s].zeroth);
-        continue;
-      }
-      const std::size_t field = state.scale->field_size();
-      if (gradient[s].zeroth) add_fields<Dim, T>(lattice, masks.zeroth, zeroth_dual, gradient[s].zeroth);
-      for (std::size_t axis = 0; first_dual && axis < Dim; ++axis)
-        add_fields<Dim, T>(lattice, masks.first[axis], first_dual + axis * field, gradient[s].first + axis * field);
-      if (T* sum = preconditioned[s].zeroth) {
+    const std::size_t field = state.scale->field_size();
+    if (gradient[s].zeroth) add_fields<Dim, T>(lattice, masks.zeroth, zeroth_dual, gradient[s].zeroth);
+    for (std::size_t axis = 0; first_dual && axis < Dim; ++axis)
+      add_fields<Dim, T>(lattice, masks.first[axis], first_dual + axis * field, gradient[s].first + axis * field);
+    if (T* sum = preconditioned[s].zeroth) {
 #pragma omp parallel for simd schedule(static)
-        for (std::size_t i = 0; i < field; ++i) sum[i] += per_volume * velocity_dual[i];
-      }
+      for (std::size_t i = 0; i < field; ++i) sum[i] += per_volume * on_lattice[i];
     }
-    if (k == 0) break;
-    for (ScaleState& state : states_)
-      if (state.oriented)
-        state.oriented->predict_adjoint(k - 1, velocities_[end_of_step(k - 1)].data(), dt,
-                                        velocity_duals[end_of_step(k - 1)].data());
-    // What X_{k-1} and v_{k-1}(X_{k-1}) receive from corrector and predictor; the latter takes the place of
-    // `predicted_dual`, which has served.
-    for (auto& shared : lattices_) {
-      shared->sites.end_adjoint(shared->acting, shared->predicted_dual.data());
-      T* position_dual = mutable_pointer(shared->position_dual);
-      T* through_velocity = shared->predicted_dual.data();
-      if (position_dual)
-        shared->acting.for_runs(shared->lattice, [&](std::size_t begin, std::size_t count) {
-          for (std::size_t i = Dim * begin; i < Dim * (begin + count); ++i) {
-            const T predicted_dual = through_velocity[i];
-            through_velocity[i] = position_dual[i] / 2 + predicted_dual;
-            position_dual[i] += predicted_dual;
-          }
-        });
-      advance_adjoint<Dim, T>(shared->lattice, shared->acting, pointer(shared->position[k - 1]), lattice_,
-                              velocities_[end_of_step(k - 1)].data(), dt, through_velocity,
-                              velocity_duals[end_of_step(k - 1)].data(), k > 1 ? position_dual : nullptr);
-    }
+  }
+}
+
+/// What X_{k-1} and v_{k-1}(X_{k-1}) receive from corrector and predictor of step k; the latter takes the place of
+/// `predicted_dual`, which has served.
+template <int Dim, class T>
+void GeodesicShooting<Dim, T>::predict_adjoint(int k, std::vector<Field<T>>& velocity_duals) {
+  const T dt = T(1) / static_cast<T>(time_steps_);
+  const T* velocity = velocities_[end_of_step(k - 1)].data();
+  T* velocity_dual = velocity_duals[end_of_step(k - 1)].data();
+  for (ScaleState& state : states_)
+    if (state.oriented) state.oriented->predict_adjoint(k - 1, velocity, dt, velocity_dual);
+  for (auto& shared : lattices_) {
+    shared->sites.end_adjoint(shared->acting, shared->predicted_dual.data());
+    T* position_dual = mutable_pointer(shared->position_dual);
+    T* through_velocity = shared->predicted_dual.data();
+    if (position_dual)
+      shared->acting.for_runs(shared->lattice, [&](std::size_t begin, std::size_t count) {
+        for (std::size_t i = Dim * begin; i < Dim * (begin + count); ++i) {
+          const T predicted_dual = through_velocity[i];
+          through_velocity[i] = position_dual[i] / 2 + predicted_dual;
+          position_dual[i] += predicted_dual;
+        }
+      });
+    advance_adjoint<Dim, T>(shared->lattice, shared->acting, pointer(shared->position[k - 1]), lattice_, velocity, dt,
+                            through_velocity, velocity_dual, k > 1 ? position_dual : nullptr);
   }
 }
 

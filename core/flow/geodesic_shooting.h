@@ -128,6 +128,11 @@ class GeodesicShooting {
   std::size_t end_of_step(int k) const { return static_cast<std::size_t>(k) * map_steps_; }
   void fill_between_steps();
   void gather_between_steps(std::vector<Field<T>>& velocity_duals) const;
+  void correct_adjoint(int k, std::vector<Field<T>>& velocity_duals);
+  void synthesise_adjoint(int k, const T* velocity_dual, const std::vector<MomentumPointers<T>>& momenta,
+                          const std::vector<MomentumTargets<T>>& gradient,
+                          const std::vector<MomentumTargets<T>>& preconditioned);
+  void predict_adjoint(int k, std::vector<Field<T>>& velocity_duals);
   void choose_sites();
   void start(const std::vector<MomentumPointers<T>>& momenta, const ActiveBlocks<Dim>& blocks,
              const StartingVelocity& on_start);

@@ -108,126 +108,162 @@ Lattice<Dim> moving_level_lattice(const Lattice<Dim>& fixed, const Lattice<Dim>&
   return level == 0 ? moving : coarsened(moving, std::ldexp(reference, level));
 }
 
+namespace {
+
+/// The finest level of a preset; voxels of 3 to 4 mm still show vessels and the surfaces of organs, wider ones do not.
+int finest_level(int dimension, Preset preset, double reference_mm) {
+  if (dimension == 2) return 0;
+  switch (preset) {
+    case Preset::Fast:
+      return 4 * reference_mm <= 4 ? 2 : 2 * reference_mm <= 4 ? 1 : 0;
+    case Preset::Balanced:
+      return is_fine(reference_mm) ? 1 : 0;
+    case Preset::Accurate:
+      return 0;
+  }
+  return 0;
+}
+
+/// Halvings until the longest axis has fewer than 32 samples, one level at least.
 template <int Dim>
-RegistrationOptions resolved(const RegistrationOptions& options, const Lattice<Dim>& image, const ImageTraits& traits) {
-  const double reference_mm = *std::min_element(image.spacing.begin(), image.spacing.end());
+int usual_levels(const Lattice<Dim>& image, double reference_mm) {
   double largest_axis = 0;  // in reference voxels
   for (int axis = 0; axis < Dim; ++axis)
     largest_axis = std::max(largest_axis, image.size[axis] * image.spacing[axis] / reference_mm);
-  RegistrationOptions o = options;
-  if (o.pyramid.finest_level < 0) {
-    o.pyramid.finest_level = 0;
-    if (Dim == 3) switch (o.preset) {
-        // Voxels of 3 to 4 mm still show vessels and the surfaces of organs, wider ones do not.
-        case Preset::Fast:
-          o.pyramid.finest_level = 4 * reference_mm <= 4 ? 2 : 2 * reference_mm <= 4 ? 1 : 0;
-          break;
-        case Preset::Balanced:
-          o.pyramid.finest_level = is_fine(reference_mm) ? 1 : 0;
-          break;
-        case Preset::Accurate:
-          break;
-      }
-    if (o.pyramid.levels > 0) o.pyramid.finest_level = std::min(o.pyramid.finest_level, o.pyramid.levels - 1);
-  }
+  int levels = 1;
+  while (levels < 8 && largest_axis / (1 << (levels - 1)) >= 32) ++levels;
+  return levels;
+}
+
+/// `asked`: before anything was resolved.
+void resolve_scales(int dimension, double reference_mm, const RegistrationOptions& asked, RegistrationOptions& o) {
   const int finest = o.pyramid.finest_level;
-  if (o.pyramid.levels == 0) {
-    int levels = 1;
-    while (levels < 8 && largest_axis / (1 << (levels - 1)) >= 32) ++levels;
-    o.pyramid.levels = std::max(levels, finest + 1);
-  }
-  const double finest_noise = noise_of_level(traits.noise, image, level_lattice(image, finest));
+  const bool is_coarse = are_momenta_coarse(dimension, o.model);
   if (o.momenta.finest_scale < 0) {
     int scale = finest - 1 - o.momenta.finest_scale;
     // Images that accurate takes finer than balanced are for seeing more, not for narrower kernels. And a Gaussian of
     // so many pixels holds far fewer samples than one of as many voxels, and follows their noise.
-    const bool sees_finer = o.preset == Preset::Accurate && options.pyramid.finest_level < 0 && is_fine(reference_mm);
-    if ((Dim == 2 || sees_finer) && is_zeroth_gaussian(o.model) && o.similarity != SimilarityType::Ssd)
+    const bool sees_finer = o.preset == Preset::Accurate && asked.pyramid.finest_level < 0 && is_fine(reference_mm);
+    if ((dimension == 2 || sees_finer) && is_zeroth_gaussian(o.model) && o.similarity != SimilarityType::Ssd)
       scale = std::max(scale, 1);
-    if (are_momenta_coarse(Dim, o.model)) scale = std::max(scale, 1);
+    if (is_coarse) scale = std::max(scale, 1);
     o.momenta.finest_scale = std::min(scale, o.pyramid.levels - 1);
   }
-  o.similarity_parameters.lncc_radius_voxels = lncc_radius_voxels(o.similarity_parameters, Dim);
-  o.similarity_parameters.lncc_cell = lncc_cell(o.similarity_parameters, Dim);
-  if (o.momenta.regularisation == 0)
-    o.momenta.regularisation = o.similarity == SimilarityType::Ssd
-                                   ? (Dim == 2 ? 3e-6 : 1e-6)
-                                   : default_options(o.model, o.similarity, o.preset).momenta.regularisation;
   if (o.momenta.first_order_finest_scale < 0)
     o.momenta.first_order_finest_scale =
-        are_momenta_coarse(Dim, o.model) ? std::clamp(1, finest, std::max(finest, o.pyramid.levels - 1)) : finest;
+        is_coarse ? std::clamp(1, finest, std::max(finest, o.pyramid.levels - 1)) : finest;
+  if (o.momenta.scales == 0) o.momenta.scales = std::max(1, o.pyramid.levels - o.momenta.finest_scale);
+}
+
+/// What was measured for each similarity and dimension.
+void resolve_measured(int dimension, RegistrationOptions& o) {
+  const RegistrationOptions usual = default_options(o.model, o.similarity, o.preset);
+  const bool is_ssd = o.similarity == SimilarityType::Ssd, is_lncc = o.similarity == SimilarityType::Lncc;
+  o.similarity_parameters.lncc_radius_voxels = lncc_radius_voxels(o.similarity_parameters, dimension);
+  o.similarity_parameters.lncc_cell = lncc_cell(o.similarity_parameters, dimension);
+  if (o.momenta.regularisation == 0)
+    o.momenta.regularisation = is_ssd ? (dimension == 2 ? 3e-6 : 1e-6) : usual.momenta.regularisation;
   if (o.momenta.sparsity < 0)
-    o.momenta.sparsity = o.model == Model::Auto && o.similarity == SimilarityType::Lncc
-                             ? lncc_sparsity(Dim, o.preset)
-                             : default_options(o.model, o.similarity, o.preset).momenta.sparsity;
+    o.momenta.sparsity =
+        o.model == Model::Auto && is_lncc ? lncc_sparsity(dimension, o.preset) : usual.momenta.sparsity;
   if (o.momenta.first_order_shear < 0) {  // without sparsity they cannot be left out
     const bool may_be_left_out = o.momenta.first_order_scales > 0 && o.momenta.sparsity > 0;
-    o.momenta.first_order_shear = may_be_left_out ? least_shear(Dim, o.similarity) : 0;
+    o.momenta.first_order_shear = may_be_left_out ? least_shear(dimension, o.similarity) : 0;
   }
-  if (o.momenta.plain_shear < 0) o.momenta.plain_shear = plain_shear(Dim, o);
-  if (o.optimisation.round_tolerance < 0) o.optimisation.round_tolerance = usual_round_tolerance(Dim, o.similarity);
-  if (o.optimisation.history == 0) o.optimisation.history = usual_history(Dim, o.model, o.similarity);
-  if (o.flow.divergence_weight < 0)
-    o.flow.divergence_weight = o.similarity == SimilarityType::Lncc
-                                   ? (Dim == 2 ? 1 : 0.6)
-                                   : default_options(o.model, o.similarity, o.preset).flow.divergence_weight;
+  if (o.momenta.plain_shear < 0) o.momenta.plain_shear = plain_shear(dimension, o);
   if (o.momenta.narrow_width_shear < 0) {
     const bool is_measured = o.momenta.kernel_widths.empty() && o.momenta.width_voxels == 0;
-    o.momenta.narrow_width_shear = is_measured ? sharp_shear(Dim, o.similarity) : 0;
+    o.momenta.narrow_width_shear = is_measured ? sharp_shear(dimension, o.similarity) : 0;
   }
+  // No more was wanted at full resolution in the 3-D images that this was measured on (core/measurements.md, "Memory").
+  if (o.momenta.most_active_share == 0)
+    o.momenta.most_active_share = o.model == Model::Auto && dimension == 3 ? 0.75 : 1;
+  if (o.optimisation.round_tolerance < 0)
+    o.optimisation.round_tolerance = usual.optimisation.round_tolerance >= 0
+                                         ? usual.optimisation.round_tolerance
+                                         : usual_round_tolerance(dimension, o.similarity);
+  if (o.optimisation.history == 0) o.optimisation.history = usual_history(dimension, o.model, o.similarity);
+  if (o.flow.divergence_weight < 0)
+    o.flow.divergence_weight = is_lncc ? (dimension == 2 ? 1 : 0.6) : usual.flow.divergence_weight;
+}
+
+/// As far as these do not go with the contrast, see follow_contrast.
+void resolve_elements(int dimension, RegistrationOptions& o) {
   if (o.momenta.orientations < 0) {
     // With the other evolutions they are worth little (core/measurements.md, "Slip at any orientation").
     const bool can = o.momenta.first_order_scales > 0 && o.model != Model::Directional && o.momenta.sparsity > 0 &&
                      o.flow.evolution == Evolution::Carried;
-    o.momenta.orientations = can ? (Dim == 2 ? 8 : 9) : 0;
+    o.momenta.orientations = can ? (dimension == 2 ? 8 : 9) : 0;
   }
-  const bool is_narrow = are_elements_narrow(Dim, o.similarity);
+  const bool is_narrow = are_elements_narrow(dimension, o.similarity);
   if (o.momenta.oblique_share < 0) o.momenta.oblique_share = is_narrow ? 0 : 0.7;
   // Elements are where order 0 shows an interface before.
   if (o.momenta.oriented_alone < 0 && is_narrow) o.momenta.oriented_alone = o.momenta.first_order_waits ? 2 : 1;
   if (o.momenta.oriented_sparsity == 0) o.momenta.oriented_sparsity = is_narrow ? 0.5 : 0.4;
   if (o.momenta.oriented_width == 0 && is_narrow) o.momenta.oriented_width = kNarrowElement;
-  // No more was wanted at full resolution in the 3-D images that this was measured on (core/measurements.md, "Memory").
-  if (o.momenta.most_active_share == 0) o.momenta.most_active_share = o.model == Model::Auto && Dim == 3 ? 0.75 : 1;
+}
+
+/// `noise`: on the finest level.
+template <int Dim>
+void follow_noise(double noise, RegistrationOptions& o) {
   if (o.momenta.width_voxels == 0) {
     o.momenta.width_voxels = 6;
     if (is_zeroth_gaussian(o.model) && o.similarity != SimilarityType::Ssd && o.momenta.kernel_widths.empty()) {
       const FineWidth narrow = kFineWidth<Dim>;
-      const double fine = narrow.weight / (1 + std::pow(finest_noise / narrow.half_at, 2));
+      const double fine = narrow.weight / (1 + std::pow(noise / narrow.half_at, 2));
       o.momenta.kernel_widths = {{9, 1}};
       if (fine >= 0.01) o.momenta.kernel_widths.push_back({4, std::round(1000 * fine) / 1000});
     }
   }
   if (o.momenta.sparsity_noise > 0) {
-    o.momenta.sparsity *= 1 + finest_noise / o.momenta.sparsity_noise;
+    o.momenta.sparsity *= 1 + noise / o.momenta.sparsity_noise;
     o.momenta.sparsity_noise = 0;  // it has been followed
   }
-  if (o.momenta.full_contrast > 0 && o.similarity == SimilarityType::Ssd) {
-    // What noise hides in, ssd leaves over anyhow: the part of its weights that is due to noise stays.
-    const double beside_noise = std::pow(finest_noise / o.similarity_parameters.ssd_residual, 2);
-    const auto share = [&](double without_noise) { return (without_noise + beside_noise) / (1 + beside_noise); };
-    const double contrast = std::ldexp(traits.contrast, finest) / o.momenta.full_contrast;
-    if (contrast < 1) {
-      // What turns shows little of its interface then, and order 0, which has no fine scale, none of the rest.
-      if (o.momenta.oriented_alone < 0) o.momenta.oriented_alone = 0;
-      const double counted = std::max(contrast, kLeastCounted);
-      o.momenta.sparsity = in_few_digits(o.momenta.sparsity * share(counted * counted));
-      // So much less of the energy is the motion's.
-      o.optimisation.round_tolerance = in_few_digits(o.optimisation.round_tolerance * share(counted * counted));
-      if (o.momenta.regularisation_beside_first == 0)
-        o.momenta.regularisation_beside_first = in_few_digits(o.momenta.regularisation * share(counted));
-      // Order 0 that is held so little fills what is beside an interface by itself.
-      if (o.momenta.oriented_width == 0)
-        o.momenta.oriented_width = std::max(kLeastElement, in_few_digits(share(counted)));
-    }
-    o.momenta.full_contrast = 0;  // it has been followed
+}
+
+/// With ssd, whose weights were measured on images of full contrast.
+void follow_contrast(double contrast, double noise, RegistrationOptions& o) {
+  if (!(o.momenta.full_contrast > 0) || o.similarity != SimilarityType::Ssd) return;
+  // What noise hides in, ssd leaves over anyhow: the part of its weights that is due to noise stays.
+  const double beside_noise = std::pow(noise / o.similarity_parameters.ssd_residual, 2);
+  const auto share = [&](double without_noise) { return (without_noise + beside_noise) / (1 + beside_noise); };
+  const double there_is = std::ldexp(contrast, o.pyramid.finest_level) / o.momenta.full_contrast;
+  o.momenta.full_contrast = 0;  // it has been followed
+  if (there_is >= 1) return;
+  // What turns shows little of its interface then, and order 0, which has no fine scale, none of the rest.
+  if (o.momenta.oriented_alone < 0) o.momenta.oriented_alone = 0;
+  const double counted = std::max(there_is, kLeastCounted);
+  o.momenta.sparsity = in_few_digits(o.momenta.sparsity * share(counted * counted));
+  // So much less of the energy is the motion's.
+  o.optimisation.round_tolerance = in_few_digits(o.optimisation.round_tolerance * share(counted * counted));
+  if (o.momenta.regularisation_beside_first == 0)
+    o.momenta.regularisation_beside_first = in_few_digits(o.momenta.regularisation * share(counted));
+  // Order 0 that is held so little fills what is beside an interface by itself.
+  if (o.momenta.oriented_width == 0) o.momenta.oriented_width = std::max(kLeastElement, in_few_digits(share(counted)));
+}
+
+}  // namespace
+
+template <int Dim>
+RegistrationOptions resolved(const RegistrationOptions& options, const Lattice<Dim>& image, const ImageTraits& traits) {
+  const double reference_mm = *std::min_element(image.spacing.begin(), image.spacing.end());
+  RegistrationOptions o = options;
+  if (o.pyramid.finest_level < 0) {
+    o.pyramid.finest_level = finest_level(Dim, o.preset, reference_mm);
+    if (o.pyramid.levels > 0) o.pyramid.finest_level = std::min(o.pyramid.finest_level, o.pyramid.levels - 1);
   }
+  if (o.pyramid.levels == 0) o.pyramid.levels = std::max(usual_levels(image, reference_mm), o.pyramid.finest_level + 1);
+  resolve_scales(Dim, reference_mm, options, o);
+  resolve_measured(Dim, o);
+  resolve_elements(Dim, o);
+  const double noise = noise_of_level(traits.noise, image, level_lattice(image, o.pyramid.finest_level));
+  follow_noise<Dim>(noise, o);
+  follow_contrast(traits.contrast, noise, o);
   if (o.momenta.oriented_width == 0) o.momenta.oriented_width = 1;
   if (o.momenta.oriented_alone < 0) o.momenta.oriented_alone = 1;
   if (o.model == Model::Auto && o.similarity == SimilarityType::Lncc && o.preset != Preset::Fast &&
       o.momenta.regularisation_beside_first == 0)
     o.momenta.regularisation_beside_first = kStifferBesideFirst * o.momenta.regularisation;
-  if (o.momenta.scales == 0) o.momenta.scales = std::max(1, o.pyramid.levels - o.momenta.finest_scale);
   return o;
 }
 
