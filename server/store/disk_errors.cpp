@@ -28,6 +28,10 @@ void fail_write(StorageState& state, const std::string& what) {
     case ENOSPC:
     case EDQUOT:
       throw storage_full();
+    case EFBIG:
+      throw Refusal(RefusalKind::FailedPrecondition, "FILE_TOO_LARGE",
+                    "the daemon may not write a file as large as this one (ulimit -f, or a limit of its file system); "
+                    "have that limit raised where it runs");
     default:
       throw system_failure(what);
   }

@@ -13,9 +13,9 @@ Refusal storage_full();
 /// `what` and errno.
 std::system_error system_failure(const std::string& what);
 
-/// A change of the disk did not succeed, errno says why. Throws STORAGE_FULL when there is no room. When the disk
-/// itself has failed, `state` is told and STORE_UNAVAILABLE thrown; any other errno is a fault of ours,
-/// std::system_error.
+/// A change of the disk did not succeed, errno says why. Throws STORAGE_FULL when there is no room and FILE_TOO_LARGE
+/// when no file may have that size. When the disk itself has failed, `state` is told and STORE_UNAVAILABLE thrown; any
+/// other errno is a fault of ours, std::system_error.
 [[noreturn]] void fail_write(StorageState& state, const std::string& what);
 /// A sync did not succeed: whatever errno says but for a lack of room, bytes may be lost, and the disk counts as
 /// failed.

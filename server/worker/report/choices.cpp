@@ -65,9 +65,16 @@ std::string measured_from(const std::string& name, const ReportInput<Dim>& input
   }
   if (name == "most_active_share") return "from the model and the dimension; it bounds the memory that a job declares";
   if (name == "kernel_widths") return "from the model, the similarity and the noise on the finest level";
-  if (name == "regularisation" || name == "first_order_shear" || name == "plain_shear" || name == "oblique_share" ||
-      name == "oriented_sparsity" || name == "divergence_weight" || name == "round_tolerance")
+  if (name == "regularisation" || name == "first_order_shear" || name == "oblique_share" ||
+      name == "oriented_sparsity" || name == "divergence_weight")
     return "from the similarity and the dimension, for which it was measured";
+  if (name == "plain_shear")
+    return "twice first_order_shear where order 0 need not settle first, from the similarity, the dimension and the "
+           "preset";
+  if (name == "round_tolerance")
+    return input.options->similarity == SimilarityType::Ssd
+               ? "from the fixed image's contrast (full_contrast)"
+               : "from the similarity and the dimension, for which it was measured";
   if (name == "history") return "from the dimension, the similarity and the model";
   if (name == "narrow_width_shear") {
     const RegistrationOptions::Momenta& asked = input.options->momenta;

@@ -254,6 +254,11 @@ class Refusals : public testing_support::DaemonTest {
     disk->available = 1;
     return uploading(announcement("good"), "good");
   }
+  Answer file_too_large() {
+    begin();
+    disk->write_error = EFBIG;
+    return uploading(announcement("good"), "good");
+  }
   Answer draining() {
     begin();
     const auto request = valid_request();
@@ -330,6 +335,7 @@ class EveryRefusal : public Refusals, public ::testing::WithParamInterface<Row> 
         {"ARTIFACT_MISSING", StatusCode::FAILED_PRECONDITION, false, &EveryRefusal::artifact_missing},
         {"CHECKPOINT_MISSING", StatusCode::FAILED_PRECONDITION, false, &EveryRefusal::checkpoint_missing},
         {"EXCEEDS_BUDGET", StatusCode::FAILED_PRECONDITION, false, &EveryRefusal::exceeds_budget},
+        {"FILE_TOO_LARGE", StatusCode::FAILED_PRECONDITION, false, &EveryRefusal::file_too_large},
         {"QUEUE_FULL", StatusCode::RESOURCE_EXHAUSTED, true, &EveryRefusal::queue_full},
         {"QUOTA", StatusCode::RESOURCE_EXHAUSTED, true, &EveryRefusal::quota},
         {"TOO_MANY_STREAMS", StatusCode::RESOURCE_EXHAUSTED, true, &EveryRefusal::too_many_streams},

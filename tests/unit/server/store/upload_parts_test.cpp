@@ -321,6 +321,18 @@ TEST_F(UploadPartsTest, AFullDiskRefusesAndIsNoFailure) {
   expect_published();
 }
 
+TEST_F(UploadPartsTest, AFileThatMayNotGrowRefusesAndIsNoFailure) {
+  const auto upload = begin();
+  upload->append(content.substr(0, 16));
+  disk.write_error = EFBIG;
+  EXPECT_EQ(reason_of([&] { upload->append(content.substr(16)); }), "FILE_TOO_LARGE");
+  EXPECT_FALSE(state.has_failed());
+  disk.write_error = 0;
+  const auto again = begin(16);
+  finish(*again, 16);
+  expect_published();
+}
+
 TEST_F(UploadPartsTest, ADiskThatOthersHaveFilledIsNoticedAtTheNextSync) {
   reserve = {0, 100};
   disk.total = 1000;
