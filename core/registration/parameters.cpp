@@ -323,7 +323,9 @@ const std::vector<Parameter>& parameters() {
       real(
           "plain_shear", "", -1, Lower::Inclusive, inf,
           "order 1 takes part without waiting for order 0 to settle where that shows so much simple shear after three "
-          "iterations of a level; 0: always waits, -1 (and nothing else below 0): by similarity and dimension",
+          "iterations of a level; 0: always waits, -1 (and nothing else below 0): twice first_order_shear where that "
+          "was "
+          "measured to cost nothing",
           [](O & o) -> auto& { return o.momenta.plain_shear; }),
       integer(
           "orientations", "", -1, 13,
@@ -515,6 +517,15 @@ std::vector<std::string> problems(const RegistrationOptions& options) {
   else if (shear > 0 && options.momenta.sparsity == 0)
     found.push_back(given_shear +
                     " and sparsity is 0, with which first orders always take part; set that above 0, or this to 0");
+  const double plain = options.momenta.plain_shear;
+  if (plain > 0 && shear == 0)
+    found.push_back("parameter plain_shear is " + format(plain) +
+                    " and first_order_shear is 0, with which first orders always take part; set it to 0, or that to "
+                    "what is asked of order 0");
+  else if (plain > 0 && plain < shear)
+    found.push_back("parameter plain_shear is " + format(plain) + " and first_order_shear is " + format(shear) +
+                    "; early on a level no less may be asked than when order 0 has settled, so give as much or more, "
+                    "or 0");
   const std::pair<const char*, double> measured[] = {{"oblique_share", options.momenta.oblique_share},
                                                      {"narrow_width_shear", options.momenta.narrow_width_shear},
                                                      {"divergence_weight", options.flow.divergence_weight},

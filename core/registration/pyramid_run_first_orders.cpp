@@ -63,7 +63,10 @@ bool PyramidRun<Dim>::would_join() {
   objective_->working_set().weigh({}, momenta);
   const bool is_wanted = objective_->would_join(momenta);
   ++level_.evaluations;
-  if (!is_wanted) make_objective(rounds_[0]);
+  if (!is_wanted) {
+    make_objective(rounds_[0]);
+    objective_->weigh(rounds_[0], momenta);  // order 0 may go on alone
+  }
   return is_wanted;
 }
 

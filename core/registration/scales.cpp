@@ -8,6 +8,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 
 namespace saltus {
 namespace {
@@ -40,14 +41,14 @@ double least_shear(int dimension, SimilarityType similarity) {
   return similarity == SimilarityType::Lncc ? 10.6 : 5.5;
 }
 
-/// What it has at least, early on a level, where order 0 need not settle first: not while first orders do not wait for
-/// it anyhow (ssd), nor where it has another weight beside them and goes on from there. Smooth motion has no more shear
-/// early than at its end, but breathing up to half as much again; core/measurements.md, "Only where it slides".
-double plain_shear(int dimension, const RegistrationOptions& options) {
-  const bool begins_anew = !options.momenta.first_order_waits;
-  const bool is_stiffer =
-      dimension == 3 && options.similarity == SimilarityType::Lncc && options.preset != Preset::Fast;
-  return begins_anew || is_stiffer ? 2 * options.momenta.first_order_shear : 0;
+/// What it has at least, early on a level, where order 0 need not settle first: where first orders do not wait for it
+/// (ssd), and where it goes on beside them with more weight; that in 3-D alone, in 2-D with lncc it loses. Smooth
+/// motion has no more shear early than at its end, but breathing up to 1.7 times that; core/measurements.md, "Only
+/// where it slides".
+double plain_shear(int dimension, const RegistrationOptions::Momenta& momenta) {
+  const bool is_stiffer = dimension == 3 && momenta.regularisation_beside_first > momenta.regularisation;
+  if (momenta.first_order_waits && !is_stiffer) return 0;
+  return std::min(2 * momenta.first_order_shear, std::numeric_limits<double>::max());  // none at all is asked as that
 }
 
 /// What a velocity has at least where order 0 needs narrow widths, see simple_shear; measured, core/measurements.md,
@@ -170,7 +171,6 @@ void resolve_measured(int dimension, RegistrationOptions& o) {
     const bool may_be_left_out = o.momenta.first_order_scales > 0 && o.momenta.sparsity > 0;
     o.momenta.first_order_shear = may_be_left_out ? least_shear(dimension, o.similarity) : 0;
   }
-  if (o.momenta.plain_shear < 0) o.momenta.plain_shear = plain_shear(dimension, o);
   if (o.momenta.narrow_width_shear < 0) {
     const bool is_measured = o.momenta.kernel_widths.empty() && o.momenta.width_voxels == 0;
     o.momenta.narrow_width_shear = is_measured ? sharp_shear(dimension, o.similarity) : 0;
@@ -264,6 +264,7 @@ RegistrationOptions resolved(const RegistrationOptions& options, const Lattice<D
   if (o.model == Model::Auto && o.similarity == SimilarityType::Lncc && o.preset != Preset::Fast &&
       o.momenta.regularisation_beside_first == 0)
     o.momenta.regularisation_beside_first = kStifferBesideFirst * o.momenta.regularisation;
+  if (o.momenta.plain_shear < 0) o.momenta.plain_shear = plain_shear(Dim, o.momenta);
   return o;
 }
 

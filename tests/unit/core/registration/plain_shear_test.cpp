@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <limits>
 
 #include "core/evaluation/field_error.h"
 #include "core/phantom/make_phantom.h"
@@ -99,21 +100,28 @@ TEST(PlainShear, IsNotSeenInSmoothMotion) {
 
 // Order 0 goes on beside first orders, with another weight: nothing is lost by what it had not yet settled.
 TEST(PlainShear, LosesNothingInSpaceWithLncc) {
-  const Phantom<3> slip = phantom<3>(PhantomKind::Slip, 20);
-  RegistrationOptions options = default_options(Model::Auto, SimilarityType::Lncc, Preset::Balanced);
-  const auto error = [&](bool is_plain, int& iterations) {
-    const RegistrationResult<3> found = register_images<3>(pair_of(slip), options);
-    EXPECT_EQ(asked(found.summary).was_plain, is_plain);
-    iterations = evaluations(found.summary);
-    double sum = 0;
-    for (double at : endpoint_errors<3>(found.displacement, slip.displacement, slip.masks.valid)) sum += at;
-    return sum;
+  struct Sums {
+    double error_mm = 0, error_near_mm = 0;
+    int evaluations = 0;
   };
-  int early = 0, late = 0;
-  const double found = error(true, early);
-  options.momenta.plain_shear = 0;
-  EXPECT_LT(found, 1.02 * error(false, late));
-  EXPECT_LT(early, late);
+  Sums early, settled;
+  for (double degrees : {0.0, 10.0, 20.0}) {
+    const Phantom<3> slip = phantom<3>(PhantomKind::Slip, degrees);
+    for (Sums* sums : {&early, &settled}) {
+      RegistrationOptions options = default_options(Model::Auto, SimilarityType::Lncc, Preset::Balanced);
+      if (sums == &settled) options.momenta.plain_shear = 0;
+      const RegistrationResult<3> found = register_images<3>(pair_of(slip), options);
+      EXPECT_EQ(asked(found.summary).was_plain, sums == &early);
+      sums->evaluations += evaluations(found.summary);
+      for (double at : endpoint_errors<3>(found.displacement, slip.displacement, slip.masks.valid))
+        sums->error_mm += at;
+      for (double at : endpoint_errors<3>(found.displacement, slip.displacement, slip.masks.near))
+        sums->error_near_mm += at;
+    }
+  }
+  EXPECT_LT(early.error_mm, 1.02 * settled.error_mm);
+  EXPECT_LT(early.error_near_mm, 1.02 * settled.error_near_mm);
+  EXPECT_LT(early.evaluations, 0.8 * settled.evaluations);
 }
 
 // Where none of the first orders wants to be, order 0 goes on until it has settled, and is asked again.
@@ -130,6 +138,45 @@ TEST(PlainShear, IsNotEnoughWhereNoneWouldJoin) {
   const RegistrationResult<2> settled = register_images<2>(input, options);
   EXPECT_EQ(asked(found.summary).evaluations, asked(settled.summary).evaluations + 1);
   EXPECT_EQ(found.displacement.samples, settled.displacement.samples);
+}
+
+// Where momenta of both orders lie on one lattice, blocks could join: not while order 0 goes on alone.
+TEST(PlainShear, LetsNobodyJoinAfterALookInVain) {
+  const RegistrationInput<2> input = pair_of(phantom<2>(PhantomKind::Slip));
+  RegistrationOptions options = default_options(Model::Wendland1, SimilarityType::Lncc, Preset::Balanced);
+  options.pyramid.levels = 1;
+  options.momenta.first_order_waits = true;
+  options.momenta.sparsity = 1e6;
+  options.momenta.first_order_shear = options.momenta.plain_shear = 1e-9;
+  const RegistrationResult<2> found = register_images<2>(input, options);
+  options.momenta.plain_shear = 0;
+  const RegistrationResult<2> settled = register_images<2>(input, options);
+  EXPECT_EQ(asked(found.summary).evaluations, asked(settled.summary).evaluations + 1);
+  EXPECT_EQ(found.displacement.samples, settled.displacement.samples);
+}
+
+// Also where it is asked whether any would join, which is an evaluation.
+TEST(PlainShear, StopsInTheLook) {
+  const RegistrationInput<2> input = pair_of(phantom<2>(PhantomKind::Slip));
+  RegistrationOptions options = default_options(Model::Auto, SimilarityType::Lncc, Preset::Balanced);
+  options.pyramid.levels = 1;
+  options.momenta.orientations = 0;
+  options.momenta.first_order_shear = options.momenta.plain_shear = 1e-9;
+  for (double sparsity : {1e-3, 1e6})
+    for (int call = 1; call <= 8; ++call) {
+      options.momenta.sparsity = sparsity;
+      int calls = 0, calls_after = 0;
+      bool is_told = false;
+      const RegistrationResult<2> found = register_images<2>(input, options, [&](const Progress& at) {
+        calls_after += is_told;
+        is_told = is_told || (at.iteration == kLooksAfter && ++calls == call);
+        return is_told ? ProgressAnswer::Stop : ProgressAnswer::Continue;
+      });
+      EXPECT_TRUE(is_told);
+      EXPECT_EQ(found.summary.termination, Termination::Stopped) << sparsity << ' ' << call;
+      EXPECT_EQ(calls_after, 0) << sparsity << ' ' << call;
+      EXPECT_EQ(found.summary.levels.back().iterations, kLooksAfter) << sparsity << ' ' << call;
+    }
 }
 
 // Whoever says stop while a slip is looked for is not asked again.
@@ -170,10 +217,28 @@ TEST(PlainShear, IsWhatWasMeasured) {
     EXPECT_EQ(share(SimilarityType::Ncc, preset, cube), 0);
     EXPECT_EQ(momenta(Model::Sliding, SimilarityType::Ssd, preset, plane).plain_shear, 0);
   }
+  RegistrationOptions alike = default_options(Model::Auto, SimilarityType::Lncc, Preset::Balanced);
+  alike.momenta.regularisation_beside_first = alike.momenta.regularisation;  // order 0 goes on as it was
+  EXPECT_EQ(resolved(alike, cube).momenta.plain_shear, 0);
   RegistrationOptions given = default_options(Model::Auto, SimilarityType::Ssd, Preset::Balanced);
+  given.momenta.first_order_shear = std::numeric_limits<double>::max();
+  EXPECT_TRUE(problems(resolved(given, plane)).empty());
+  given.momenta.first_order_shear = -1;
   given.momenta.plain_shear = 7;
   EXPECT_EQ(resolved(given, plane).momenta.plain_shear, 7);
   EXPECT_EQ(resolved(resolved(given, plane), plane).momenta.plain_shear, 7);
+}
+
+TEST(PlainShear, IsRefusedWhereItCannotBeMeant) {
+  using ::testing::ElementsAre;
+  using ::testing::HasSubstr;
+  RegistrationOptions options = default_options(Model::Sliding, SimilarityType::Ssd, Preset::Balanced);
+  options.momenta.plain_shear = 12;
+  EXPECT_THAT(problems(options), ElementsAre(HasSubstr("plain_shear is 12 and first_order_shear is 0")));
+  options.momenta.first_order_shear = 13;
+  EXPECT_THAT(problems(options), ElementsAre(HasSubstr("plain_shear is 12 and first_order_shear is 13")));
+  options.momenta.first_order_shear = 12;
+  EXPECT_TRUE(problems(options).empty());
 }
 
 }  // namespace
