@@ -9,7 +9,6 @@
 #include <cmath>
 #include <deque>
 #include <stdexcept>
-#include <tuple>
 
 namespace saltus {
 namespace {
@@ -38,20 +37,13 @@ void scale_by(T factor, std::vector<T>& values) {
   for (std::size_t i = 0; i < count; ++i) values[i] *= factor;
 }
 
-/// before = now - before, as pairs hold it
+/// change = now - before, in one way through memory
 template <class T>
-void make_change(const std::vector<T>& now, std::vector<T>& before) {
+void store_change(const std::vector<T>& now, const std::vector<T>& before, std::vector<Stored<T>>& change) {
   const std::size_t count = before.size();
+  change.resize(count);
 #pragma omp parallel for simd schedule(static) if (is_worth_threads(count))
-  for (std::size_t i = 0; i < count; ++i) before[i] = static_cast<Stored<T>>(now[i] - before[i]);
-}
-
-template <class T>
-void store(const std::vector<T>& values, std::vector<Stored<T>>& stored) {
-  const std::size_t count = values.size();
-  stored.resize(count);
-#pragma omp parallel for simd schedule(static) if (is_worth_threads(count))
-  for (std::size_t i = 0; i < count; ++i) stored[i] = values[i];
+  for (std::size_t i = 0; i < count; ++i) change[i] = now[i] - before[i];
 }
 
 /// sum += factor terms, and other . sum of what that gives
@@ -310,29 +302,29 @@ void Minimisation<T>::find_direction(const std::deque<CurvaturePair<T>>& pairs) 
   is_used_ = true;
 }
 
-/// The state moves on to the new point, and the vectors of the old one become the changes.
+/// The state moves on to the new point. A pair that tells of no curvature is not kept, nor, where it has taken its
+/// place, the oldest one.
 template <class T>
 void Minimisation<T>::move_on() {
-  for (const auto& [now, before] : {std::tie(candidate_, state_.x), std::tie(next_gradient_, state_.gradient),
-                                    std::tie(next_preconditioned_, state_.preconditioned)}) {
-    make_change(now, before);
-    std::swap(now, before);
-  }
   if (has_forgotten_) state_.pairs.clear();
-  state_.energies.push_back(energy_);
-  const double curvature = dot(candidate_, next_gradient_);
-  const double size = preconditioner_.dot(next_gradient_, next_gradient_, next_preconditioned_);
-  if (!(curvature > 1e-8 * std::abs(size) && size > 0)) return;
   CurvaturePair<T> pair;
   if (static_cast<int>(state_.pairs.size()) >= options_.history) {
     pair = std::move(state_.pairs.front());
     state_.pairs.pop_front();
   }
-  store(candidate_, pair.s);
-  store(next_gradient_, pair.y);
-  store(next_preconditioned_, pair.y_preconditioned);
-  pair.rho = 1 / curvature;
-  state_.pairs.push_back(std::move(pair));
+  store_change(candidate_, state_.x, pair.s);
+  store_change(next_gradient_, state_.gradient, pair.y);
+  store_change(next_preconditioned_, state_.preconditioned, pair.y_preconditioned);
+  const double curvature = dot(pair.s, pair.y);
+  const double size = preconditioner_.dot(pair.y, pair.y, pair.y_preconditioned);
+  if (curvature > 1e-8 * std::abs(size) && size > 0) {
+    pair.rho = 1 / curvature;
+    state_.pairs.push_back(std::move(pair));
+  }
+  std::swap(candidate_, state_.x);
+  std::swap(next_gradient_, state_.gradient);
+  std::swap(next_preconditioned_, state_.preconditioned);
+  state_.energies.push_back(energy_);
 }
 
 template <class T>

@@ -20,7 +20,9 @@ struct MinimiseOptions {
   /// run began (Objective::noise_gradient): what still pulls is then mostly noise. 0: does not. Not where there is more
   /// outside the working set (std::logic_error).
   double noise_tolerance = 0;
-  int history = 6;  ///< pairs kept, at least 1 (std::logic_error)
+  /// Pairs kept, at least 1 (std::logic_error). A step along which no curvature is seen leaves none; where as many are
+  /// kept, the oldest one goes all the same.
+  int history = 6;
   int max_line_search = 20;
 };
 

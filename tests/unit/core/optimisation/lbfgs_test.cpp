@@ -281,6 +281,29 @@ TEST(Minimise, KnowsTheCurvatureOfThePairsAsTheyAreStored) {
   EXPECT_GT(rounded, 1e-4);  // else nothing was
 }
 
+// From pairs of a bowl on to a hill: a step down the hill sees no curvature.
+TEST(Minimise, KeepsNoPairWithoutCurvature) {
+  const std::vector<double> stiffness = {1, 4, 9}, centre = {1, -2, 3};
+  Function<double> bowl = separable<double>(stiffness, centre), hill = separable<double>({-1, -4, -9}, centre);
+  MinimiserState<double> before(std::vector<double>(3, 0.0));
+  MinimiseOptions options = to_the_end(4);
+  options.history = 2;
+  minimise<double>(bowl, options, before, [](const MinimiseStep&) { return true; });
+  ASSERT_EQ(before.pairs.size(), 2u);
+  options.max_iterations = 1;
+  for (int history : {2, 3}) {
+    options.history = history;
+    MinimiserState<double> state(std::vector<double>{0.9, -2.1, 3.2});
+    state.pairs = before.pairs;
+    const MinimiseSummary found = minimise<double>(hill, options, state, [](const MinimiseStep&) { return true; });
+    EXPECT_EQ(found.iterations, 1);
+    EXPECT_LT(found.energy_after, found.energy_before);
+    ASSERT_EQ(state.pairs.size(), history == 2 ? 1u : 2u);  // the newest stays
+    EXPECT_EQ(state.pairs.back().s, before.pairs.back().s);
+    EXPECT_EQ(state.pairs.back().rho, before.pairs.back().rho);
+  }
+}
+
 TEST(Minimise, StopsWhenTheCallerSaysSoAndKeepsTheLastAcceptedPoint) {
   auto objective = separable<double>({1, 10, 100, 1000}, {1, 2, 3, 4});
   objective.step = 1e-3;
