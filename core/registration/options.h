@@ -125,8 +125,8 @@ struct RegistrationOptions {
     int max_iterations = 60;  ///< in each round of a level
     double tolerance = 1e-3;  ///< a level ends when five iterations give less than this share of its total decrease
     /// The same of a round with first orders that another one follows, where larger: it is there for the weights that
-    /// the next one is made with. Follows the contrast as lambda does (full_contrast). -1: by similarity and dimension,
-    /// as measured (core/measurements.md, "Sparsity").
+    /// the next one is made with. Follows the contrast as lambda does (full_contrast). -1: what suits model,
+    /// similarity, preset and dimension (core/measurements.md, "Sparsity").
     double round_tolerance = 0;
     /// The same of a round of order 0 alone, where smaller than `tolerance`: one whose velocity is then asked whether
     /// something slides, or on a level without first orders; 0: `tolerance`.

@@ -324,8 +324,7 @@ const std::vector<Parameter>& parameters() {
           "plain_shear", "", -1, Lower::Inclusive, inf,
           "order 1 takes part without waiting for order 0 to settle where that shows so much simple shear after three "
           "iterations of a level; 0: always waits, -1 (and nothing else below 0): twice first_order_shear where that "
-          "was "
-          "measured to cost nothing",
+          "is known to cost nothing, otherwise 0",
           [](O & o) -> auto& { return o.momenta.plain_shear; }),
       integer(
           "orientations", "", -1, 13,
@@ -448,7 +447,8 @@ const std::vector<Parameter>& parameters() {
       real(
           "round_tolerance", "", -1, Lower::Inclusive, 1,
           "the same of a round with first-order momenta that another one follows, where larger than tolerance; follows "
-          "the contrast, see full_contrast; -1 (and nothing else below 0): by similarity and dimension",
+          "the contrast, see full_contrast; -1 (and nothing else below 0): what suits model, similarity, preset and "
+          "dimension",
           [](O & o) -> auto& { return o.optimisation.round_tolerance; }),
       real(
           "look_tolerance", "", 0, Lower::Inclusive, 1,
@@ -520,12 +520,7 @@ std::vector<std::string> problems(const RegistrationOptions& options) {
   const double plain = options.momenta.plain_shear;
   if (plain > 0 && shear == 0)
     found.push_back("parameter plain_shear is " + format(plain) +
-                    " and first_order_shear is 0, with which first orders always take part; set it to 0, or that to "
-                    "what is asked of order 0");
-  else if (plain > 0 && plain < shear)
-    found.push_back("parameter plain_shear is " + format(plain) + " and first_order_shear is " + format(shear) +
-                    "; early on a level no less may be asked than when order 0 has settled, so give as much or more, "
-                    "or 0");
+                    " and first_order_shear is 0, with which nothing is asked of order 0; set it to 0");
   const std::pair<const char*, double> measured[] = {{"oblique_share", options.momenta.oblique_share},
                                                      {"narrow_width_shear", options.momenta.narrow_width_shear},
                                                      {"divergence_weight", options.flow.divergence_weight},

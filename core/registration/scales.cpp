@@ -41,14 +41,19 @@ double least_shear(int dimension, SimilarityType similarity) {
   return similarity == SimilarityType::Lncc ? 10.6 : 5.5;
 }
 
+/// With lncc, beside first orders that were let in: what is sharp is theirs, and order 0 draws it out no more
+/// (core/measurements.md, "Regularisation").
+constexpr double kStifferBesideFirst = 10;
+
 /// What it has at least, early on a level, where order 0 need not settle first: where first orders do not wait for it
-/// (ssd), and where it goes on beside them with more weight; that in 3-D alone, in 2-D with lncc it loses. Smooth
-/// motion has no more shear early than at its end, but breathing up to 1.7 times that; core/measurements.md, "Only
-/// where it slides".
-double plain_shear(int dimension, const RegistrationOptions::Momenta& momenta) {
-  const bool is_stiffer = dimension == 3 && momenta.regularisation_beside_first > momenta.regularisation;
+/// (ssd), and with lncc in 3-D where it goes on beside them with a larger weight, as measured. Smooth motion has no
+/// more shear early than at its end, but breathing up to 1.7 times that; core/measurements.md, "Only where it slides".
+double plain_shear(int dimension, const RegistrationOptions& options) {
+  const RegistrationOptions::Momenta& momenta = options.momenta;
+  const bool is_stiffer = dimension == 3 && options.similarity == SimilarityType::Lncc &&
+                          momenta.regularisation_beside_first >= kStifferBesideFirst * momenta.regularisation;
   if (momenta.first_order_waits && !is_stiffer) return 0;
-  return std::min(2 * momenta.first_order_shear, std::numeric_limits<double>::max());  // none at all is asked as that
+  return std::min(2 * momenta.first_order_shear, std::numeric_limits<double>::max());  // not infinite
 }
 
 /// What a velocity has at least where order 0 needs narrow widths, see simple_shear; measured, core/measurements.md,
@@ -90,10 +95,6 @@ constexpr double kLeastElement = 0.35;
 /// Both orders at all sites of an image of full resolution take 800 bytes a voxel. At every second one they take a
 /// third to a half of that and of the time; errors are less but beside large jumps (core/measurements.md, "Memory").
 bool are_momenta_coarse(int dimension, Model model) { return dimension == 3 && model == Model::Wendland1; }
-
-/// With lncc, beside first orders that were let in: what is sharp is theirs, and order 0 draws it out no more
-/// (core/measurements.md, "Regularisation").
-constexpr double kStifferBesideFirst = 10;
 
 }  // namespace
 
@@ -264,7 +265,8 @@ RegistrationOptions resolved(const RegistrationOptions& options, const Lattice<D
   if (o.model == Model::Auto && o.similarity == SimilarityType::Lncc && o.preset != Preset::Fast &&
       o.momenta.regularisation_beside_first == 0)
     o.momenta.regularisation_beside_first = kStifferBesideFirst * o.momenta.regularisation;
-  if (o.momenta.plain_shear < 0) o.momenta.plain_shear = plain_shear(Dim, o.momenta);
+  if (o.momenta.plain_shear < 0) o.momenta.plain_shear = plain_shear(Dim, o);
+  if (o.momenta.first_order_shear == 0) o.momenta.plain_shear = 0;  // order 0 is not asked
   return o;
 }
 

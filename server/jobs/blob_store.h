@@ -35,8 +35,9 @@ class BlobUpload {
   /// Reads again what earlier streams left, at most `budget` bytes of it, for the digest. True when all was read; only
   /// then bytes can be appended.
   virtual bool prepare(std::int64_t budget) = 0;
-  /// Throws Refusal when more bytes come than announced, the disk is full (STORAGE_FULL), a file may not be so large
-  /// (FILE_TOO_LARGE) or fails (STORE_UNAVAILABLE), or another stream goes on with this upload (UPLOAD_TAKEN_OVER).
+  /// Throws Refusal when more bytes come than announced, no file may be so large (FILE_TOO_LARGE), the disk
+  /// is full (STORAGE_FULL) or fails (STORE_UNAVAILABLE), or another stream goes on with this upload
+  /// (UPLOAD_TAKEN_OVER).
   virtual void append(std::string_view bytes) = 0;
   /// Makes what came durable and keeps it for a later stream, if the upload has an id. For streams that were cut.
   virtual void park() = 0;

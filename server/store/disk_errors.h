@@ -3,6 +3,7 @@
 #include "server/jobs/refusal.h"
 #include "server/jobs/storage_state.h"
 
+#include <cstdint>
 #include <string>
 #include <system_error>
 
@@ -10,6 +11,10 @@ namespace saltus::server {
 
 /// STORAGE_FULL. Room comes back when jobs are deleted or garbage is collected, which takes its time.
 Refusal storage_full();
+/// FILE_TOO_LARGE: of a limit that somebody has to raise.
+Refusal file_too_large();
+/// Throws that where this process may not write a file of so many bytes (RLIMIT_FSIZE).
+void require_file_size(std::int64_t bytes);
 /// `what` and errno.
 std::system_error system_failure(const std::string& what);
 

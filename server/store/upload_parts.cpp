@@ -206,6 +206,7 @@ void UploadParts::learn_committed(UploadPart& part) {
 
 std::unique_ptr<BlobUpload> UploadParts::begin(const UploadPlan& plan) {
   state_.require_writable();
+  require_file_size(plan.size);  // before a byte is written: parts of what cannot end would fill the disk
   auto room = std::make_unique<DiskReserve::Claim>(reserve_, plan.size - plan.offset);
   if (plan.id.empty()) {
     if (plan.offset != 0) throw offset_mismatch(plan, 0);

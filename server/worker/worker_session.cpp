@@ -281,6 +281,11 @@ WorkerExit work(Lease& lease, const AttemptIdentity& identity, const WorkFolder&
                                                   "); submit the job again");
       return OutcomeReported;
     }
+    // The next attempt would make the same file, for the same daemon.
+    if (error.reason() == "FILE_TOO_LARGE") {
+      lease.complete_failure("FILE_TOO_LARGE", std::string("a result cannot be delivered: ") + error.what());
+      return OutcomeReported;
+    }
     throw;
   } catch (const std::bad_alloc&) {
     report_memory_limit(lease);

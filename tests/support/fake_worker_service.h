@@ -51,6 +51,11 @@ class FakeBlobs : public v1::BlobService::Service {
     refusals_ = count;
     retry_after_ = retry_after;
   }
+  /// From now on no file may be as large as anything that comes.
+  void limit_files() {
+    std::lock_guard lock(mutex_);
+    is_limited_ = true;
+  }
   int refusals_left() {
     std::lock_guard lock(mutex_);
     return refusals_;
@@ -59,6 +64,10 @@ class FakeBlobs : public v1::BlobService::Service {
                          v1::WriteBlobResponse*) override {
     {
       std::lock_guard lock(mutex_);
+      if (is_limited_) {
+        context->AddTrailingMetadata("saltus-reason", "FILE_TOO_LARGE");
+        return {grpc::StatusCode::FAILED_PRECONDITION, "no file may be so large"};
+      }
       if (refusals_ > 0) {
         --refusals_;
         context->AddTrailingMetadata("saltus-reason", "STORAGE_FULL");
@@ -99,6 +108,7 @@ class FakeBlobs : public v1::BlobService::Service {
  private:
   std::mutex mutex_;
   int refusals_ = 0;
+  bool is_limited_ = false;
   std::chrono::milliseconds retry_after_{};
   std::map<std::string, std::string> blobs_;
 };

@@ -69,12 +69,13 @@ std::string measured_from(const std::string& name, const ReportInput<Dim>& input
       name == "oriented_sparsity" || name == "divergence_weight")
     return "from the similarity and the dimension, for which it was measured";
   if (name == "plain_shear")
-    return "twice first_order_shear where order 0 need not settle first, from the similarity, the dimension and the "
-           "preset";
+    return "twice first_order_shear where order 0 need not settle first: by the similarity, the dimension and its "
+           "weight "
+           "beside first orders";
   if (name == "round_tolerance")
-    return input.options->similarity == SimilarityType::Ssd
-               ? "from the fixed image's contrast (full_contrast)"
-               : "from the similarity and the dimension, for which it was measured";
+    return input.options->momenta.full_contrast > 0 && input.options->optimisation.round_tolerance >= 0
+               ? "from the fixed image's contrast and noise (full_contrast)"
+               : "from the model, the similarity, the preset and the dimension";
   if (name == "history") return "from the dimension, the similarity and the model";
   if (name == "narrow_width_shear") {
     const RegistrationOptions::Momenta& asked = input.options->momenta;

@@ -195,6 +195,15 @@ TEST_F(WorkerProcess, EndsWithACodeOfItsOwnWhenThereWillBeNoRoomForItsResults) {
   EXPECT_TRUE(std::filesystem::is_empty(folder / "tmp"));
 }
 
+// Another attempt would end there as well.
+TEST_F(WorkerProcess, FailsWhereItsResultsAreLargerThanAFileMayBe) {
+  blobs.limit_files();
+  run();
+  ASSERT_TRUE(service.outcome && service.outcome->has_failure());
+  EXPECT_EQ(service.outcome->failure().reason(), "FILE_TOO_LARGE");
+  EXPECT_THAT(service.outcome->failure().message(), HasSubstr("no file may be so large"));
+}
+
 TEST_F(WorkerProcess, FailsWithCpuTimeWhenItUsesMoreThanItMay) {
   make_it_last();
   service.terms.mutable_limits()->set_cpu_seconds(1);

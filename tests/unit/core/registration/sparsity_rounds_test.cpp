@@ -245,6 +245,15 @@ TEST(RoundTolerance, IsWhatWasMeasured) {
     asked.optimisation.round_tolerance = 0.25;
     EXPECT_EQ(resolved(asked, cube).optimisation.round_tolerance, 0.25);
   }
+  // -1 is what would have been the default.
+  for (Model model : {Model::Auto, Model::Sliding, Model::Wendland1})
+    for (SimilarityType similarity : {SimilarityType::Ssd, SimilarityType::Ncc, SimilarityType::Lncc})
+      for (Preset preset : {Preset::Fast, Preset::Balanced, Preset::Accurate}) {
+        RegistrationOptions asked = default_options(model, similarity, preset);
+        const double usual = resolved(asked, cube).optimisation.round_tolerance;
+        asked.optimisation.round_tolerance = -1;
+        EXPECT_EQ(resolved(asked, cube).optimisation.round_tolerance, usual);
+      }
 }
 
 // Order 0 goes on as long as asked before the look, and not longer where a level is more exact anyhow.

@@ -9,6 +9,7 @@
 #include "tests/support/temporary_folder.h"
 
 #include <gtest/gtest.h>
+#include <sys/resource.h>
 
 #include <cerrno>
 #include <memory>
@@ -330,6 +331,23 @@ TEST_F(UploadPartsTest, AFileThatMayNotGrowRefusesAndIsNoFailure) {
   disk.write_error = 0;
   const auto again = begin(16);
   finish(*again, 16);
+  expect_published();
+}
+
+// Not even the part of it that fits: nobody could go on with that.
+TEST_F(UploadPartsTest, NothingIsWrittenOfWhatMayNotBecomeAFile) {
+  rlimit before{};
+  ASSERT_EQ(::getrlimit(RLIMIT_FSIZE, &before), 0);
+  const auto limit_to = [&](rlim_t bytes) {
+    const rlimit limit{bytes, before.rlim_max};
+    ASSERT_EQ(::setrlimit(RLIMIT_FSIZE, &limit), 0);
+  };
+  limit_to(content.size() - 1);
+  for (const std::string id : {"id", ""}) EXPECT_EQ(reason_of([&] { begin(0, id); }), "FILE_TOO_LARGE");
+  limit_to(content.size());
+  EXPECT_TRUE(fs::is_empty(data.uploads()));
+  finish(*begin(0, "id"), 0);
+  limit_to(before.rlim_cur);
   expect_published();
 }
 
