@@ -179,40 +179,53 @@ TEST(Checkpoint, ResumesWhereBlocksAreKeptOutWithTheSameEnd) {
 }
 
 // Where first orders are asked for after order 0 alone, and let in: after it, or from where the level began.
+RegistrationOptions asking(SimilarityType similarity, double shear) {
+  RegistrationOptions options = quick(similarity);
+  options.optimisation.max_iterations = 6;
+  options.momenta.sparsity = similarity == SimilarityType::Lncc ? 1e-3 : 1e-5;
+  options.momenta.first_order_shear = shear;
+  return options;
+}
+
+/// Of the first level that has order 1: with ssd the coarser one, which decides for both if it lets them in.
+const LevelSummary& asked_of(const RegistrationResult<2>& whole, SimilarityType similarity) {
+  return whole.summary.levels[similarity == SimilarityType::Ssd ? 0 : 1];
+}
+
 TEST(Checkpoint, ResumesWhereFirstOrdersWereAskedForWithTheSameEnd) {
   for (SimilarityType similarity : {SimilarityType::Lncc, SimilarityType::Ssd})
     for (double shear : {1e-9, 1e9}) {
       SCOPED_TRACE(to_string(similarity) + " " + std::to_string(shear));
-      RegistrationOptions options = quick(similarity);
-      options.optimisation.max_iterations = 6;
-      options.momenta.sparsity = similarity == SimilarityType::Lncc ? 1e-3 : 1e-5;
-      options.momenta.first_order_shear = shear;
+      const RegistrationOptions options = asking(similarity, shear);
       const RegistrationResult<2> whole = register_images<2>(plane(), options);
-      // With ssd there is order 1 on the coarser level, which decides for both.
-      const LevelSummary& asked = whole.summary.levels[similarity == SimilarityType::Ssd && shear < 1 ? 0 : 1];
+      const LevelSummary& asked = asked_of(whole, similarity);
       ASSERT_EQ(asked.decision, shear < 1 ? FirstOrderDecision::LetIn : FirstOrderDecision::LeftOut);
       ASSERT_EQ(asked.rounds, shear < 1 ? 2 : 1);
+      ASSERT_EQ(whole.summary.levels.back().decision == FirstOrderDecision::LeftOut, shear > 1);
       ASSERT_EQ(whole.summary.levels.back().active_block_share > 0, shear < 1);
       resumes_anywhere<2>(plane(), options);
     }
 }
 
-// Asked early, and the round over (with lncc order 0 goes on in the next one) or, asked in vain, going on.
+// Asked early, and the round over (with lncc order 0 goes on in the next one) or, asked in vain, going on: also where
+// there is enough shear later, when nobody asks.
 TEST(Checkpoint, ResumesWhereASlipIsLookedForEarlyWithTheSameEnd) {
-  for (SimilarityType similarity : {SimilarityType::Lncc, SimilarityType::Ssd})
-    for (double shear : {1e-9, 1e9}) {
+  for (SimilarityType similarity : {SimilarityType::Lncc, SimilarityType::Ssd}) {
+    RegistrationOptions options = asking(similarity, 1e-9);
+    options.momenta.plain_shear = 1e-9;
+    const double early = asked_of(register_images<2>(plane(), options), similarity).simple_shear;
+    for (double shear : {1e-9, early * (1 + 1e-6), 1e9}) {
       SCOPED_TRACE(to_string(similarity) + " " + std::to_string(shear));
-      RegistrationOptions options = quick(similarity);
-      options.optimisation.max_iterations = 6;
-      options.momenta.sparsity = similarity == SimilarityType::Lncc ? 1e-3 : 1e-5;
-      options.momenta.first_order_shear = 1e-9;
       options.momenta.plain_shear = shear;
       const RegistrationResult<2> whole = register_images<2>(plane(), options);
-      const LevelSummary& asked = whole.summary.levels[similarity == SimilarityType::Ssd ? 0 : 1];
-      ASSERT_EQ(asked.decision, FirstOrderDecision::LetIn);
-      ASSERT_EQ(asked.was_plain, shear < 1);
+      ASSERT_EQ(asked_of(whole, similarity).decision, FirstOrderDecision::LetIn);
+      ASSERT_EQ(asked_of(whole, similarity).was_plain, shear < early);
+      if (similarity == SimilarityType::Ssd && shear > early) {
+        ASSERT_GT(asked_of(whole, similarity).simple_shear, early * (1 + 1e-6));
+      }
       resumes_anywhere<2>(plane(), options);
     }
+  }
 }
 
 // Order 0 gets another weight as soon as first orders are there, and other momenta for it.
