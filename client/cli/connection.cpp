@@ -69,7 +69,8 @@ client::CallSettings call_settings(const ServerChoice& server, std::stop_token s
                                 address.find_first_not_of("0123456789", colon + 1) == std::string::npos;
   if (!is_socket && !is_host_and_port)
     throw InvalidInput("--server is " + address + "; it must be unix:/path or host:port");
-  client::CallSettings settings{.address = address, .tls = {}, .retry = {}, .stop = std::move(stop)};
+  client::CallSettings settings{
+      .address = address, .tls = {}, .retry = {}, .stop = std::move(stop), .blobs = server.blobs};
   if (is_socket) return settings;
   settings.tls = read_tls(server);
   if (!settings.tls.is_set() && !is_this_machine(address.substr(0, colon)))

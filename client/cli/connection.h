@@ -19,6 +19,7 @@ struct ServerChoice {
   std::string authority;
   std::string certificate;
   std::string key;
+  client::SharedBlobs blobs{};
 };
 
 /// Adds --server, which the environment variable SALTUS_SERVER stands in for, and the options of add_tls_options.

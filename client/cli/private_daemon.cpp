@@ -129,8 +129,7 @@ void PrivateDaemon::start(const Work& work) {
   posix_spawnattr_setpgroup(&attributes, 0);
   posix_spawnattr_setflags(&attributes, POSIX_SPAWN_SETPGROUP);
 
-  std::vector<std::string> words{program_, "--listen", address_, "--data", folder_.path() / "data",
-                                 "--exit-on-stdin-close",
+  std::vector<std::string> words{program_, "--listen", address_, "--data", data(), "--exit-on-stdin-close",
                                  // It goes with this command, so it need not leave room for a day's work.
                                  "--disk-reserve", "64M", "--slots", std::to_string(work.jobs)};
   // A job that names no number of threads gets its share of the cores, so one alone has them all. One that does gets

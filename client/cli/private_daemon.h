@@ -29,8 +29,11 @@ class PrivateDaemon {
   PrivateDaemon& operator=(const PrivateDaemon&) = delete;
 
   const std::string& address() const { return address_; }
+  /// Where it keeps blobs as files, see client::SharedBlobs.
+  std::filesystem::path blobs() const { return data() / "blobs" / "sha256"; }
 
  private:
+  std::filesystem::path data() const { return folder_.path() / "data"; }
   bool is_first();
   void start(const Work& work);
   void wait_until_it_listens();

@@ -22,7 +22,9 @@ class BlobTransfer {
   FileDigest upload(const std::filesystem::path& file);
 
   /// Writes the blob to `file`. The file appears under its name only when it is complete and its digest is right;
-  /// a cut download goes on where it stopped. Every message is checked by its CRC-32C.
+  /// a cut download goes on where it stopped. Every message is checked by its CRC-32C. Where CallSettings::blobs has
+  /// it, it comes from there: copied and checked, or, when it is ours and on the same file system, as the file that the
+  /// daemon checked when it stored it.
   void download(const std::string& digest, const std::filesystem::path& file);
 
  private:

@@ -3,6 +3,7 @@
 #include <grpcpp/channel.h>
 
 #include <chrono>
+#include <filesystem>
 #include <functional>
 #include <memory>
 #include <stop_token>
@@ -28,6 +29,15 @@ struct TlsIdentity {
   bool is_set() const { return !certificate.empty(); }
 };
 
+/// The daemon's blobs as files, where this program can read them. What is not there, or does not have the bytes that
+/// its name says, comes over the connection.
+struct SharedBlobs {
+  std::filesystem::path folder;  ///< the daemon's blobs/sha256; empty: not seen from here
+  /// The daemon serves this program alone and ends with it, so that the bytes of a blob may go on under the name they
+  /// are wanted under.
+  bool are_ours = false;
+};
+
 /// What every call of one client has in common.
 struct CallSettings {
   std::string address;  ///< named in errors
@@ -35,6 +45,7 @@ struct CallSettings {
   RetryPolicy retry;
   std::chrono::milliseconds unary_deadline{30000};
   std::stop_token stop;  ///< when requested, running calls end with CANCELLED and waits end early
+  SharedBlobs blobs{};
 };
 
 /// A channel with a connection of its own, so that a slow stream on one never delays another.

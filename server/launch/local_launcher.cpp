@@ -181,10 +181,12 @@ std::string LocalLauncher::start_process(const LaunchRequest& request) {
   SALTUS_FAILPOINT("launch.before");
   // Held until the worker is listed, so that is_idle() cannot miss it.
   std::lock_guard lock(mutex_);
+  std::vector<std::string> words{settings_.worker.string(), "--server", settings_.server_address};
+  if (!settings_.blobs.empty()) words.insert(words.end(), {"--blobs", settings_.blobs.string()});
+  words.insert(words.end(), {"--job", key.job_id, "--attempt", std::to_string(key.attempt), "--token-file",
+                             token_file(key).string()});
   const pid_t pid =
-      SpawnPlan(log.get()).spawn({settings_.worker.string(), "--server", settings_.server_address, "--job", key.job_id,
-                                  "--attempt", std::to_string(key.attempt), "--token-file", token_file(key).string()},
-                                 worker_environment(request.threads, has_cores_alone(), work_folder(key)));
+      SpawnPlan(log.get()).spawn(words, worker_environment(request.threads, has_cores_alone(), work_folder(key)));
   SALTUS_FAILPOINT("launch.after");
   // The process, even when it has ended already, stays until it is reaped: its number cannot be another's.
   const int descriptor = open_process(pid);

@@ -20,6 +20,7 @@ struct LocalLauncherSettings {
   std::filesystem::path run;     ///< for token files
   std::filesystem::path logs;    ///< for what workers print
   std::filesystem::path work;    ///< for a folder of temporary files for each worker; made when missing
+  std::filesystem::path blobs;   ///< where workers find their inputs; empty: these come over the connection
   int thread_budget = 0;         ///< threads of all workers together, at most; 0: nobody knows
   std::int64_t max_log_bytes = 1 << 20;
   std::size_t max_logs = 64;  ///< the oldest go first

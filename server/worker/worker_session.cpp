@@ -7,7 +7,6 @@
 #include "server/worker/checkpoint_keeper.h"
 #include "server/worker/process_limits.h"
 #include "server/worker/registration_job.h"
-#include "server/worker/shared_blobs.h"
 #include "server/worker/work_folder.h"
 
 #include <algorithm>
@@ -122,13 +121,12 @@ std::string fit_for_transport(std::string message) {
 
 /// Downloads the inputs and says where they are.
 RegistrationTask fetch_task(const v1::AcquireLeaseResponse& terms, client::BlobTransfer& blobs,
-                            const std::filesystem::path& shared_blobs, const std::filesystem::path& folder) {
+                            const std::filesystem::path& folder) {
   const v1::RegistrationSpec& spec = terms.spec();
   RegistrationTask task;
   const auto fetch = [&](const v1::InputFile& input, const std::string& name) {
     const std::filesystem::path file = folder / (name + "." + input.format());
-    const bool is_shared = !shared_blobs.empty() && copy_shared_blob(shared_blobs, input.digest(), file);
-    if (!is_shared) blobs.download(input.digest(), file);
+    blobs.download(input.digest(), file);
     task.digests[name] = input.digest();
     return file;
   };
@@ -237,7 +235,7 @@ WorkerExit work(Lease& lease, const AttemptIdentity& identity, const WorkFolder&
   client::BlobTransfer blobs(client::make_channel(identity.server, identity.tls), lease.transfer_settings());
   try {
     report_stage(lease, v1::JOB_STAGE_FETCHING);
-    const RegistrationTask task = fetch_task(lease.terms(), blobs, identity.blobs, folder);
+    const RegistrationTask task = fetch_task(lease.terms(), blobs, folder);
     const auto checkpoint = fetch_checkpoint(lease.terms(), blobs, folder);
 
     const std::filesystem::path results = folder / "results";

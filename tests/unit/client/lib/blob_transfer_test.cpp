@@ -4,7 +4,10 @@
 #include "proto/crc32c.h"
 #include "tests/support/fake_daemon.h"
 
+#include <fstream>
 #include <map>
+
+#include <sys/stat.h>
 
 namespace saltus::client {
 namespace {
@@ -279,6 +282,104 @@ TEST_F(BlobTransferTest, RefusesBytesOfAnotherDigest) {
     EXPECT_EQ(error.reason(), "DIGEST_MISMATCH");
   }
   EXPECT_EQ(folder.count(), 0u);
+}
+
+/// With a folder of blobs as the daemon's own, in which the blob of "seen" lies.
+class SharedBlobsTest : public BlobTransferTest {
+ protected:
+  SharedBlobsTest() { put(data, data); }
+  /// `bytes` under the name of the blob of `content`.
+  void put(const std::string& content, const std::string& bytes) {
+    std::filesystem::create_directories(place(content).parent_path());
+    std::ofstream(place(content), std::ios::binary) << bytes;
+    std::filesystem::permissions(place(content), std::filesystem::perms::owner_read);
+  }
+  std::filesystem::path place(const std::string& content) const {
+    const std::string hex = digest_of(content).substr(std::string("sha256:").size());
+    return folder.path() / "blobs" / hex.substr(0, 2) / hex.substr(2);
+  }
+  void download(const std::string& content, const std::filesystem::path& file, bool are_ours = false,
+                const std::stop_token& stop = {}) {
+    CallSettings settings = daemon.settings();
+    settings.blobs = {folder / "blobs", are_ours};
+    settings.stop = stop;
+    BlobTransfer(make_channel(settings.address), settings).download(digest_of(content), file);
+  }
+  static struct stat status_of(const std::filesystem::path& file) {
+    struct stat status {};
+    EXPECT_EQ(stat(file.c_str(), &status), 0) << file;
+    return status;
+  }
+
+  const std::string data = many_bytes(2'500'000);
+};
+
+TEST_F(SharedBlobsTest, AreReadWithoutAskingTheDaemon) {
+  download(data, folder / "file");
+  EXPECT_TRUE(content_of(folder / "file") == data);
+  EXPECT_TRUE(service.read_offsets.empty());
+  EXPECT_NE(status_of(folder / "file").st_ino, status_of(place(data)).st_ino) << "somebody else's file";
+}
+
+TEST_F(SharedBlobsTest, ComeOverTheConnectionWhenTheyAreNotThereOrNotWhatTheyShouldBe) {
+  for (const std::string& bytes : {std::string("other bytes"), std::string()}) {
+    const std::string content = "content" + bytes;
+    service.blobs[digest_of(content)] = content;
+    put(content, bytes);
+    download(content, folder / "file");
+    EXPECT_EQ(content_of(folder / "file"), content);
+  }
+  service.blobs[digest_of("absent")] = "absent";
+  download("absent", folder / "file");
+  EXPECT_EQ(content_of(folder / "file"), "absent");
+  EXPECT_EQ(service.read_offsets.size(), 3u);
+}
+
+TEST_F(SharedBlobsTest, GoOnUnderAnotherNameWhenTheyAreOurs) {
+  const mode_t mask = umask(0027);
+  download(data, folder / "file", true);
+  download(data, folder / "another", true);
+  umask(mask);
+  EXPECT_TRUE(content_of(folder / "file") == data);
+  EXPECT_TRUE(content_of(folder / "another") == data);
+  EXPECT_TRUE(service.read_offsets.empty());
+  EXPECT_EQ(status_of(folder / "file").st_ino, status_of(place(data)).st_ino);
+  EXPECT_EQ(status_of(folder / "file").st_mode & 0777, 0640u);
+  EXPECT_NE(status_of(folder / "another").st_ino, status_of(place(data)).st_ino) << "one change would change both";
+  EXPECT_EQ(status_of(folder / "file").st_nlink, 2u);
+}
+
+TEST_F(SharedBlobsTest, TakeThePlaceOfAnOldFile) {
+  for (const bool are_ours : {false, true}) {
+    const auto file = folder.write("file", "old");
+    download(data, file, are_ours);
+    EXPECT_TRUE(content_of(file) == data);
+  }
+  for (const auto& entry : std::filesystem::directory_iterator(folder.path()))
+    EXPECT_TRUE(entry.path().filename() == "file" || entry.path().filename() == "blobs") << entry.path();
+}
+
+TEST_F(SharedBlobsTest, AreNotLookedForUnderWhatIsNoDigest) {
+  CallSettings settings = daemon.settings();
+  settings.blobs = {folder / "blobs", true};
+  folder.write("secret", "secret");
+  std::filesystem::create_directories(folder / "blobs/..");
+  BlobTransfer transfer(make_channel(settings.address), settings);
+  for (const char* digest : {"sha256:../secret", "sha256:", "", "../../secret"})
+    EXPECT_THROW(transfer.download(digest, folder / "file"), ClientError) << digest;
+  EXPECT_FALSE(std::filesystem::exists(folder / "file"));
+}
+
+TEST_F(SharedBlobsTest, StopsWhenAsked) {
+  std::stop_source stop;
+  stop.request_stop();
+  try {
+    download(data, folder / "file", false, stop.get_token());
+    FAIL();
+  } catch (const ClientError& error) {
+    EXPECT_EQ(error.code(), grpc::StatusCode::CANCELLED);
+  }
+  EXPECT_FALSE(std::filesystem::exists(folder / "file"));
 }
 
 TEST_F(BlobTransferTest, SaysWhenThereIsNoSuchBlob) {
