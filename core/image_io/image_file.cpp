@@ -15,6 +15,7 @@
 #include <sstream>
 #include <string>
 
+#include "core/image_io/interleaved.h"
 #include "core/image_io/itk_lock.h"
 #include "core/image_io/lone_name.h"
 #include "core/image_io/meta_header.h"
@@ -381,20 +382,6 @@ std::vector<char> head_of(const std::filesystem::path& path, ImageFormat format,
   }
 }
 
-/// Writes the samples with those of a voxel next to each other, some voxels at a time.
-template <typename Sample>
-void write_interleaved(OutputStream& output, std::span<const Sample> samples, std::size_t components) {
-  constexpr std::size_t most = std::size_t{1} << 14;
-  const std::size_t voxels = samples.size() / components;
-  std::vector<Sample> some(components * std::min(most, voxels));
-  for (std::size_t begin = 0; begin < voxels; begin += most) {
-    const std::size_t count = std::min(most, voxels - begin);
-    for (std::size_t c = 0; c < components; ++c)
-      for (std::size_t i = 0; i < count; ++i) some[i * components + c] = samples[c * voxels + begin + i];
-    output.write({reinterpret_cast<const char*>(some.data()), sizeof(Sample) * components * count});
-  }
-}
-
 template <typename Sample>
 void write_after_head(const std::filesystem::path& path, ImageFormat format, const ImageFileHeader& header,
                       std::span<const Sample> samples, itk::IOComponentEnum component_type) {
@@ -405,7 +392,8 @@ void write_after_head(const std::filesystem::path& path, ImageFormat format, con
                       path.filename().string());
   output.write(head);
   if (header.components > 1 && (format == ImageFormat::MetaImage || format == ImageFormat::Nrrd))
-    write_interleaved(output, samples, static_cast<std::size_t>(header.components));
+    for_interleaved(samples, static_cast<std::size_t>(header.components),
+                    [&](std::span<const char> bytes) { output.write(bytes); });
   else
     output.write({reinterpret_cast<const char*>(samples.data()), samples.size_bytes()});
   output.finish();

@@ -18,10 +18,11 @@ struct OutputStream::Packer {
   std::vector<std::uint8_t> packed = std::vector<std::uint8_t>(1 << 18);
 };
 
-OutputStream::OutputStream(const std::filesystem::path& path, Packing packing, std::string name)
+OutputStream::OutputStream(const std::filesystem::path& path, Packing packing, std::string name, std::uint64_t offset)
     : name_(std::move(name)) {
   errno = 0;
-  file_.open(path, std::ios::binary);
+  file_.open(path, offset > 0 ? std::ios::binary | std::ios::in : std::ios::binary);
+  if (offset > 0) file_.seekp(static_cast<std::streamoff>(offset));
   if (!file_) fail();
   if (packing == Packing::Plain) return;
   packer_ = std::make_unique<Packer>();

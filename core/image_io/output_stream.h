@@ -1,5 +1,6 @@
 #pragma once
 
+#include <cstdint>
 #include <filesystem>
 #include <fstream>
 #include <memory>
@@ -15,8 +16,8 @@ class OutputStream {
  public:
   enum class Packing { Plain, Gzip };
 
-  /// `name` is what errors call the file. Throws FileError.
-  OutputStream(const std::filesystem::path& path, Packing packing, std::string name);
+  /// `name` is what errors call the file. From an offset on a file that is there is written over. Throws FileError.
+  OutputStream(const std::filesystem::path& path, Packing packing, std::string name, std::uint64_t offset = 0);
   ~OutputStream();
 
   /// Throws FileError.

@@ -1,13 +1,20 @@
 // Oracle: ITK reads the file back, and linear interpolation of u is written out here.
 #include "core/image_io/write_transform.h"
 
+#include <itkCompositeTransform.h>
+#include <itkDisplacementFieldTransform.h>
 #include <itkHDF5TransformIO.h>
 #include <itkTransform.h>
 #include <itkTransformFactoryBase.h>
 #include <itkTransformFileReader.h>
 
+#include <csignal>
 #include <random>
 
+#include <sys/resource.h>
+#include <unistd.h>
+
+#include "core/image_io/itk_geometry.h"
 #include "core/support/errors.h"
 #include "tests/integration/image_io/sample_images.h"
 
@@ -73,6 +80,94 @@ void maps_like_the_field() {
 TEST(WriteTransform, ItkMapsPointsByLinearInterpolationOfTheField2d) { maps_like_the_field<double, 2>(); }
 TEST(WriteTransform, ItkMapsPointsByLinearInterpolationOfTheField3d) { maps_like_the_field<double, 3>(); }
 TEST(WriteTransform, SinglePrecisionReadersAgree) { maps_like_the_field<float, 3>(); }
+
+/// What a file holds: each transform's type, its fixed parameters and its parameters.
+struct Content {
+  std::vector<std::string> types;
+  std::vector<std::vector<double>> fixed;
+  std::vector<std::vector<float>> parameters;
+  bool operator==(const Content&) const = default;
+};
+
+Content content_of(const std::filesystem::path& path) {
+  const auto reader = itk::TransformFileReaderTemplate<float>::New();
+  itk::TransformFactoryBase::RegisterDefaultTransforms();
+  reader->SetTransformIO(itk::HDF5TransformIOTemplate<float>::New());
+  reader->SetFileName(path.string());
+  reader->Update();
+  Content content;
+  for (const auto& one : *reader->GetTransformList()) {
+    auto list = std::vector<itk::TransformBaseTemplate<float>*>{one.GetPointer()};
+    if (const auto* composite = dynamic_cast<itk::CompositeTransform<float, 3>*>(one.GetPointer()))
+      for (const auto& part : composite->GetTransformQueue()) list.push_back(part.GetPointer());
+    for (auto* transform : list) {
+      content.types.push_back(transform->GetTransformTypeAsString());
+      const auto& fixed = transform->GetFixedParameters();
+      content.fixed.emplace_back(fixed.begin(), fixed.end());
+      const auto& values = transform->GetParameters();
+      content.parameters.emplace_back(values.begin(), values.end());
+    }
+  }
+  return content;
+}
+
+TEST(WriteTransform, HoldsWhatItkWritesOfTheSameField) {
+  const TemporaryFolder folder;
+  // One that is written in several pieces, and one that is thin.
+  for (const Index<3> size : {Index<3>{41, 30, 29}, Index<3>{40, 3, 1}}) {
+    auto grid = oblique_grid<3>();
+    grid.size = size;
+    const VectorVolume<3> displacement = sample_vectors<3>(grid);
+    write_transform(folder / "transform.h5", displacement);
+
+    using FieldTransform = itk::DisplacementFieldTransform<float, 3>;
+    const auto field = FieldTransform::DisplacementFieldType::New();
+    set_geometry(*field, grid);
+    field->Allocate();
+    for (std::size_t i = 0; i < grid.voxels(); ++i)
+      for (int c = 0; c < 3; ++c) field->GetBufferPointer()[i][c] = displacement.component(c)[i];
+    const auto transform = FieldTransform::New();
+    transform->SetDisplacementField(field);
+    const auto composite = itk::CompositeTransform<float, 3>::New();
+    composite->AddTransform(transform);
+    const auto writer = itk::HDF5TransformIOTemplate<float>::New();
+    itk::HDF5TransformIOTemplate<float>::ConstTransformListType list;
+    list.push_back(composite.GetPointer());
+    writer->SetTransformList(list);
+    writer->SetFileName((folder / "itk.h5").string());
+    writer->Write();
+
+    const Content found = content_of(folder / "transform.h5");
+    ASSERT_EQ(found.parameters.size(), 2u);
+    EXPECT_EQ(found.parameters.back().size(), 3 * grid.voxels());
+    EXPECT_TRUE(found == content_of(folder / "itk.h5"));
+  }
+}
+
+/// Where no file may grow beyond `most` bytes, which stands for the full disk: ends the process with 0 when that was an
+/// error that names the file, and left nothing.
+[[noreturn]] void write_on_full_disk(const std::filesystem::path& path, rlim_t most) {
+  signal(SIGXFSZ, SIG_IGN);
+  const rlimit limit{most, most};
+  setrlimit(RLIMIT_FSIZE, &limit);
+  auto grid = oblique_grid<3>();
+  grid.size = {40, 40, 40};
+  try {
+    write_transform(path, sample_vectors<3>(grid));
+    _exit(1);
+  } catch (const FileError& error) {
+    const bool is_clean = std::filesystem::is_empty(path.parent_path());
+    std::filesystem::remove_all(path.parent_path());
+    _exit(!is_clean ? 2 : std::string(error.what()).starts_with("cannot write transform.h5: ") ? 0 : 3);
+  }
+}
+
+TEST(WriteTransform, FullDiskIsAnErrorAndLeavesNothing) {
+  GTEST_FLAG_SET(death_test_style, "threadsafe");  // ITK has threads, which a bare fork would lose.
+  const TemporaryFolder folder;
+  for (rlim_t most : {0, 100, 3000, 20000, 500000})
+    EXPECT_EXIT(write_on_full_disk(folder / "transform.h5", most), ::testing::ExitedWithCode(0), "") << most;
+}
 
 TEST(WriteTransform, RefusesOtherSuffixesAndFieldsThatDoNotFit) {
   const TemporaryFolder folder;
