@@ -110,9 +110,9 @@ Daemon::Daemon(const DaemonSettings& settings, std::function<void(const std::str
 
 std::unique_ptr<Launcher> Daemon::make_launcher(const DaemonSettings& settings) {
   if (!settings.slurm) {
-    auto made = std::make_unique<LocalLauncher>(
-        LocalLauncherSettings{settings.worker, settings.listen.to_text(), directory_.run(), directory_.logs(),
-                              directory_.work(), directory_.blobs(), settings.jobs.thread_budget});
+    auto made = std::make_unique<LocalLauncher>(LocalLauncherSettings{
+        settings.worker, settings.listen.to_text(), directory_.run(), directory_.logs(), directory_.work(),
+        directory_.blobs(), directory_.uploads(), settings.jobs.thread_budget});
     local_ = made.get();
     return made;
   }

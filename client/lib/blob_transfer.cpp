@@ -21,6 +21,7 @@ namespace saltus::client {
 namespace {
 
 constexpr std::size_t upload_chunk = 1 << 20;
+constexpr std::string_view kPrefix = "sha256:";  // of digests
 
 /// A file that gets its name when it is complete; else nothing of it stays.
 class PendingFile {
@@ -87,8 +88,7 @@ class PendingFile {
 
 /// Where a daemon keeps a blob in its folder of blobs: ab/cdef... for sha256:abcdef... Empty for what is no digest.
 std::filesystem::path place_of(const std::string& digest) {
-  static constexpr std::string_view prefix = "sha256:";
-  const std::string hex = digest.starts_with(prefix) ? digest.substr(prefix.size()) : "";
+  const std::string hex = digest.starts_with(kPrefix) ? digest.substr(kPrefix.size()) : "";
   if (hex.size() != 64 || hex.find_first_not_of("0123456789abcdef") != std::string::npos) return {};
   return std::filesystem::path(hex.substr(0, 2)) / hex.substr(2);
 }
@@ -130,8 +130,34 @@ std::string lasting_id(const FileDigest& what) {
   if (gethostname(host, sizeof host - 1) != 0) return random_id();
   Sha256 sha;
   sha.add("upload\n" + std::string(host) + "\n" + std::to_string(getuid()) + "\n" + what.digest);
-  return sha.digest().substr(std::strlen("sha256:"), 32);
+  return sha.digest().substr(kPrefix.size(), 32);
 }
+
+/// A second name for a file among the daemon's uploads, under which it is an upload whose bytes are all there. Gone
+/// with this object, unless the daemon has made it the blob's.
+class OfferedFile {
+ public:
+  OfferedFile(const std::filesystem::path& file, const FileDigest& what, const std::filesystem::path& uploads)
+      : id_(random_id()) {
+    if (uploads.empty()) return;
+    name_ = uploads / (id_ + "." + std::to_string(what.size) + "." + what.digest.substr(kPrefix.size()) + ".part");
+    if (link(file.c_str(), name_.c_str()) != 0) name_.clear();
+  }
+  ~OfferedFile() { withdraw(); }
+  OfferedFile(const OfferedFile&) = delete;
+  OfferedFile& operator=(const OfferedFile&) = delete;
+
+  bool is_there() const { return !name_.empty(); }
+  const std::string& id() const { return id_; }
+  void withdraw() {
+    if (is_there()) unlink(name_.c_str());
+    name_.clear();
+  }
+
+ private:
+  std::string id_;
+  std::filesystem::path name_;
+};
 
 grpc::Status send_file(v1::BlobService::Stub& stub, grpc::ClientContext& context, const std::filesystem::path& file,
                        const FileDigest& what, const std::string& id, std::int64_t offset) {
@@ -162,7 +188,17 @@ grpc::Status send_file(v1::BlobService::Stub& stub, grpc::ClientContext& context
 BlobTransfer::BlobTransfer(std::shared_ptr<grpc::Channel> channel, CallSettings settings)
     : settings_(std::move(settings)), stub_(v1::BlobService::NewStub(channel)) {}
 
-FileDigest BlobTransfer::upload(const std::filesystem::path& file) {
+FileDigest BlobTransfer::upload(const std::filesystem::path& file) { return send(file, false); }
+
+FileDigest BlobTransfer::give(const std::filesystem::path& file) {
+  const FileDigest what = send(file, true);
+  std::error_code error;
+  if (!std::filesystem::remove(file, error) && error)
+    throw LocalFileError(file.string() + " cannot be removed: " + error.message());
+  return what;
+}
+
+FileDigest BlobTransfer::send(const std::filesystem::path& file, bool is_given) {
   const FileDigest what = digest_of_file(file);
   v1::FindMissingBlobsRequest question;
   question.add_digests(what.digest);
@@ -170,16 +206,26 @@ FileDigest BlobTransfer::upload(const std::filesystem::path& file) {
   call(settings_, CallKind::Unary,
        [&](grpc::ClientContext& context, bool&) { return stub_->FindMissingBlobs(&context, question, &answer); });
   if (answer.missing().empty()) return what;
-  std::string id = lasting_id(what);
-  std::optional<std::int64_t> committed;
-  call(settings_, CallKind::Stream, [&](grpc::ClientContext& context, bool& moved) {
+  OfferedFile offered(file, what, is_given ? settings_.blobs.uploads : std::filesystem::path());
+  std::string id = offered.is_there() ? offered.id() : lasting_id(what);
+  v1::QueryWriteStatusResponse progress;
+  const auto ask = [&] {
     v1::QueryWriteStatusRequest status_request;
     status_request.set_digest(what.digest);
     status_request.set_size(what.size);
     status_request.set_upload_id(id);
-    v1::QueryWriteStatusResponse progress;
     call(settings_, CallKind::Unary,
          [&](grpc::ClientContext& query, bool&) { return stub_->QueryWriteStatus(&query, status_request, &progress); });
+  };
+  std::optional<std::int64_t> committed;
+  call(settings_, CallKind::Stream, [&](grpc::ClientContext& context, bool& moved) {
+    ask();
+    // The daemon does not see it, or wants it no more. It must not find it later: it would cut it off where it says.
+    if (offered.is_there() && !progress.complete() && progress.committed_size() != what.size) {
+      offered.withdraw();
+      id = lasting_id(what);
+      ask();
+    }
     if (progress.complete()) return grpc::Status::OK;
     moved = committed && progress.committed_size() > *committed;
     committed = progress.committed_size();

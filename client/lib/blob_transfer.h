@@ -21,6 +21,11 @@ class BlobTransfer {
   /// bytes are safe, also one of an earlier process of this user on this machine.
   FileDigest upload(const std::filesystem::path& file);
 
+  /// The same for a file that nobody writes to any more, whose name is gone afterwards. Where CallSettings::blobs has a
+  /// folder of uploads on the same file system, the daemon gets the file itself, and checks it as it checks what it is
+  /// sent.
+  FileDigest give(const std::filesystem::path& file);
+
   /// Writes the blob to `file`. The file appears under its name only when it is complete and its digest is right;
   /// a cut download goes on where it stopped. Every message is checked by its CRC-32C. Where CallSettings::blobs has
   /// it, it comes from there: copied and checked, or, when it is ours and on the same file system, as the file that the
@@ -28,6 +33,8 @@ class BlobTransfer {
   void download(const std::string& digest, const std::filesystem::path& file);
 
  private:
+  FileDigest send(const std::filesystem::path& file, bool is_given);
+
   CallSettings settings_;
   std::unique_ptr<v1::BlobService::Stub> stub_;
 };

@@ -29,10 +29,11 @@ struct TlsIdentity {
   bool is_set() const { return !certificate.empty(); }
 };
 
-/// The daemon's blobs as files, where this program can read them. What is not there, or does not have the bytes that
-/// its name says, comes over the connection.
+/// The daemon's blobs as files, where this program sees them. What is not there, or does not have the bytes that its
+/// name says, comes over the connection, and what cannot be put there goes over it.
 struct SharedBlobs {
-  std::filesystem::path folder;  ///< the daemon's blobs/sha256; empty: not seen from here
+  std::filesystem::path folder;     ///< the daemon's blobs/sha256, to read; empty: not seen from here
+  std::filesystem::path uploads{};  ///< the daemon's uploads, to put files in; empty: not from here
   /// The daemon serves this program alone and ends with it, so that the bytes of a blob may go on under the name they
   /// are wanted under.
   bool are_ours = false;

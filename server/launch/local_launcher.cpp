@@ -183,6 +183,7 @@ std::string LocalLauncher::start_process(const LaunchRequest& request) {
   std::lock_guard lock(mutex_);
   std::vector<std::string> words{settings_.worker.string(), "--server", settings_.server_address};
   if (!settings_.blobs.empty()) words.insert(words.end(), {"--blobs", settings_.blobs.string()});
+  if (!settings_.uploads.empty()) words.insert(words.end(), {"--uploads", settings_.uploads.string()});
   words.insert(words.end(), {"--job", key.job_id, "--attempt", std::to_string(key.attempt), "--token-file",
                              token_file(key).string()});
   const pid_t pid =

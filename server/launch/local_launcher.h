@@ -15,13 +15,14 @@
 namespace saltus::server {
 
 struct LocalLauncherSettings {
-  std::filesystem::path worker;  ///< the program
-  std::string server_address;    ///< where workers find the daemon
-  std::filesystem::path run;     ///< for token files
-  std::filesystem::path logs;    ///< for what workers print
-  std::filesystem::path work;    ///< for a folder of temporary files for each worker; made when missing
-  std::filesystem::path blobs;   ///< where workers find their inputs; empty: these come over the connection
-  int thread_budget = 0;         ///< threads of all workers together, at most; 0: nobody knows
+  std::filesystem::path worker;     ///< the program
+  std::string server_address;       ///< where workers find the daemon
+  std::filesystem::path run;        ///< for token files
+  std::filesystem::path logs;       ///< for what workers print
+  std::filesystem::path work;       ///< for a folder of temporary files for each worker; made when missing
+  std::filesystem::path blobs{};    ///< where workers find their inputs; empty: these come over the connection
+  std::filesystem::path uploads{};  ///< where workers put their results; empty: these go over the connection
+  int thread_budget = 0;            ///< threads of all workers together, at most; 0: nobody knows
   std::int64_t max_log_bytes = 1 << 20;
   std::size_t max_logs = 64;  ///< the oldest go first
   /// Of the daemon and its workers together, since ever; see there.

@@ -80,13 +80,39 @@ void UploadParts::load() {
   }
 }
 
+/// Knows of all files that workers have put there, those of which nobody has spoken included.
+void UploadParts::notice_all() {
+  for (const auto& entry : fs::directory_iterator(folder_)) {
+    const std::string name = entry.path().filename();
+    const std::lock_guard lock(mutex_);
+    struct stat status {};
+    // One that is gone had its file removed or renamed: this is another one's.
+    if (can_be_continued(name) && !is_known(name) && ::lstat(entry.path().c_str(), &status) == 0 &&
+        S_ISREG(status.st_mode))
+      insert(name, modified(status));
+  }
+}
+
+/// Whether there is an upload of this name. To be called with the map locked.
+bool UploadParts::is_known(const std::string& name) const {
+  const auto known = parts_.find(name);
+  if (known == parts_.end()) return false;
+  const std::lock_guard lock(known->second->mutex);
+  return !known->second->is_gone;
+}
+
 void UploadParts::add(const std::string& name, WallTime touched) {
+  const std::lock_guard lock(mutex_);
+  insert(name, touched);
+}
+
+/// To be called with the map locked.
+void UploadParts::insert(const std::string& name, WallTime touched) {
   auto part = std::make_shared<UploadPart>();
   part->file = folder_ / name;
   part->is_kept = true;
   part->committed.reset();
   part->touched = touched;
-  const std::lock_guard lock(mutex_);
   parts_.insert_or_assign(name, std::move(part));
 }
 
@@ -124,8 +150,19 @@ void UploadParts::adopt(const UploadPlan& plan) {
   parts_.emplace(name, part);
 }
 
+/// Knows of the file that a worker has put there for the upload, if there is one.
+void UploadParts::notice(const UploadPlan& plan) {
+  const std::string name = name_of(plan);
+  if (!plan.owner.empty() || !can_be_continued(name)) return;
+  const std::lock_guard lock(mutex_);
+  if (is_known(name)) return;
+  struct stat status {};
+  if (::lstat((folder_ / name).c_str(), &status) == 0 && S_ISREG(status.st_mode)) insert(name, clock_.wall());
+}
+
 std::shared_ptr<UploadPart> UploadParts::find(const UploadPlan& plan) {
   adopt(plan);
+  notice(plan);
   const std::lock_guard lock(mutex_);
   const auto found = parts_.find(name_of(plan));
   return found == parts_.end() ? nullptr : found->second;
@@ -133,6 +170,7 @@ std::shared_ptr<UploadPart> UploadParts::find(const UploadPlan& plan) {
 
 std::shared_ptr<UploadPart> UploadParts::part_of(const UploadPlan& plan) {
   adopt(plan);
+  notice(plan);
   make_room();
   const std::lock_guard lock(mutex_);
   const std::string name = name_of(plan);
@@ -197,6 +235,11 @@ void UploadParts::learn_committed(UploadPart& part) {
   part.touched = clock_.wall();
   if (part.committed) return;
   const FileDescriptor descriptor(::open(part.file.c_str(), O_RDWR | O_CLOEXEC));
+  if (descriptor.get() < 0 && errno == ENOENT) {  // whoever has put it there has taken it away
+    part.is_gone = true;
+    part.committed = 0;
+    return;
+  }
   struct stat status {};
   if (descriptor.get() < 0 || ::fstat(descriptor.get(), &status) != 0)
     fail_write(state_, "cannot open " + part.file.string());
@@ -225,6 +268,7 @@ std::unique_ptr<BlobUpload> UploadParts::begin(const UploadPlan& plan) {
     const std::lock_guard lock(part->mutex);
     if (part->is_gone) continue;  // published or removed meanwhile
     learn_committed(*part);
+    if (part->is_gone) continue;
     if (plan.offset != *part->committed) throw offset_mismatch(plan, *part->committed);
     FileDescriptor descriptor(::open(part->file.c_str(), O_RDWR | O_CREAT | O_CLOEXEC, 0600));
     // What a cut stream has written beyond the last sync was promised to nobody.
@@ -272,6 +316,7 @@ void UploadParts::move(BlobUpload& upload, const fs::path& target) {
 }
 
 BlobStore::Leftovers UploadParts::expire(std::chrono::milliseconds age) {
+  notice_all();
   std::vector<std::shared_ptr<UploadPart>> parts;
   {
     const std::lock_guard lock(mutex_);

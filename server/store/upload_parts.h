@@ -34,6 +34,9 @@ struct UploadPart {
 /// without these when it cannot be continued. <owner> is a hash: an identity may hold what no file name can.
 /// Thread-safe.
 ///
+/// A file of such a name, without an owner, that a worker on this machine has put there is an upload of which all bytes
+/// that it has are there. The worker takes it away again if it likes, and then knows that nobody has it.
+///
 /// Only bytes that were synced count as committed; what else a stream that was cut has written is cut off when another
 /// goes on. After a crash of the daemon the whole file counts, once it has been synced. If a failure of the power has
 /// spoilt it, the digest says so at the end.
@@ -74,7 +77,11 @@ class UploadParts {
   std::shared_ptr<UploadPart> find(const UploadPlan& plan);
   void load();
   void add(const std::string& name, WallTime touched);
+  void insert(const std::string& name, WallTime touched);
   void adopt(const UploadPlan& plan);
+  void notice(const UploadPlan& plan);
+  void notice_all();
+  bool is_known(const std::string& name) const;
   void make_room();
   void sync(UploadPart& part, int descriptor);
   void learn_committed(UploadPart& part);

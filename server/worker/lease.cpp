@@ -83,8 +83,10 @@ void Lease::set_progress(const v1::JobProgress& progress) {
 std::chrono::milliseconds Lease::duration() const { return milliseconds_of(terms_.lease_seconds()); }
 
 client::CallSettings Lease::transfer_settings() const {
-  client::CallSettings settings{
-      .address = identity_.server, .retry = {}, .stop = stop_.get_token(), .blobs = {identity_.blobs, false}};
+  client::CallSettings settings{.address = identity_.server,
+                                .retry = {},
+                                .stop = stop_.get_token(),
+                                .blobs = {identity_.blobs, identity_.uploads, false}};
   settings.retry.longest_delay = std::chrono::milliseconds(1000);
   settings.retry.patience = duration();
   return settings;

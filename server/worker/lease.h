@@ -24,6 +24,7 @@ struct AttemptIdentity {
   int attempt = 0;
   std::string token;
   std::string blobs;  ///< the daemon's folder of blobs, when this machine sees it; "": they come over the connection
+  std::string uploads{};  ///< that of uploads, when results can be put there; "": they go over the connection
 };
 
 /// Why a worker must not go on.

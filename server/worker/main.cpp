@@ -27,7 +27,7 @@ constexpr double kGibibyte = 1 << 30;
 
 struct Arguments {
   Connection connection;
-  std::string blobs, job, token_file;
+  std::string blobs, uploads, job, token_file;
   int attempt = 0;
   bool guard = false;
   // Of a worker that comes by itself:
@@ -52,6 +52,7 @@ int guard(const Arguments& arguments) {
   const Signals signals;
   AttemptOrder order{arguments.job, arguments.attempt, "", arguments.token_file, arguments.connection.options()};
   if (!arguments.blobs.empty()) order.options.insert(order.options.end(), {"--blobs", arguments.blobs});
+  if (!arguments.uploads.empty()) order.options.insert(order.options.end(), {"--uploads", arguments.uploads});
   if (order.token_file == "-") {
     order.token = read_token("-");
     order.token_file.clear();
@@ -82,8 +83,13 @@ int run(const Arguments& arguments) {
   if (arguments.job.empty() || arguments.attempt == 0 || arguments.token_file.empty())
     throw saltus::InvalidInput("--job, --attempt and --token-file belong together; give all, or none to take jobs");
   if (arguments.guard) return guard(arguments);
-  const AttemptIdentity identity{arguments.connection.server, arguments.connection.identity(),  arguments.job,
-                                 arguments.attempt,           read_token(arguments.token_file), arguments.blobs};
+  const AttemptIdentity identity{arguments.connection.server,
+                                 arguments.connection.identity(),
+                                 arguments.job,
+                                 arguments.attempt,
+                                 read_token(arguments.token_file),
+                                 arguments.blobs,
+                                 arguments.uploads};
   catch_termination_signals();
   prepare_process();
   return run_attempt(identity);
@@ -101,6 +107,9 @@ int main(int argument_count, char** words) {
   add_options(app, arguments.connection);
   app.add_option("--blobs", arguments.blobs,
                  "The daemon's folder blobs/sha256, when this machine sees it: inputs are read there")
+      ->type_name("DIR");
+  app.add_option("--uploads", arguments.uploads,
+                 "The daemon's folder uploads, with --job on the daemon's own machine: results are put there")
       ->type_name("DIR");
   app.add_option("--job", arguments.job, "Id of the job");
   app.add_option("--attempt", arguments.attempt, "Number of the attempt")->check(CLI::PositiveNumber);

@@ -243,7 +243,7 @@ std::vector<v1::Artifact> send_results(const std::vector<std::string>& names, co
     try {
       for (std::size_t i = next++; i < names.size() && !has_failed; i = next++) {
         SALTUS_FAILPOINT("worker.upload.before");
-        const client::FileDigest sent = blobs.upload(results / names[i]);
+        const client::FileDigest sent = blobs.give(results / names[i]);
         SALTUS_FAILPOINT("worker.upload.after");
         artifacts[i].set_name(names[i]);
         artifacts[i].set_digest(sent.digest);

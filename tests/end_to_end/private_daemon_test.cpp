@@ -13,17 +13,25 @@ namespace {
 
 namespace fs = std::filesystem;
 
-TEST(PrivateDaemon, KeepsBlobsWhereItSaysSoThatResultsNeedNotComeOverTheConnection) {
+/// Temporary files beside the results, as a user often has them.
+class PrivateDaemonTest : public testing::Test {
+ protected:
+  PrivateDaemonTest() {
+    setenv("SALTUS_BIN", SALTUS_PROGRAMS, 1);
+    setenv("TMPDIR", folder.path().c_str(), 1);
+  }
+  ~PrivateDaemonTest() override { unsetenv("TMPDIR"); }
+
   const testing_support::TemporaryFolder folder;
-  ASSERT_EQ(setenv("SALTUS_BIN", SALTUS_PROGRAMS, 1), 0);
-  // Beside the result, as a user's temporary files and results often are.
-  ASSERT_EQ(setenv("TMPDIR", folder.path().c_str(), 1), 0);
+};
+
+TEST_F(PrivateDaemonTest, KeepsBlobsWhereItSaysSoThatResultsNeedNotComeOverTheConnection) {
   fs::path blobs;
   {
     const PrivateDaemon daemon({.jobs = 1, .threads = 1});
     blobs = daemon.blobs();
     client::RegistrationClient client(
-        {.address = daemon.address(), .tls = {}, .retry = {}, .stop = {}, .blobs = {blobs, true}});
+        {.address = daemon.address(), .tls = {}, .retry = {}, .stop = {}, .blobs = {blobs, {}, true}});
     const v1::InputFile sent = client.upload_file(folder.write("image", "bytes"), "mha");
     v1::Artifact wanted;
     wanted.set_digest(sent.digest());
@@ -34,6 +42,26 @@ TEST(PrivateDaemon, KeepsBlobsWhereItSaysSoThatResultsNeedNotComeOverTheConnecti
   EXPECT_FALSE(fs::exists(blobs));
   EXPECT_EQ(testing_support::content_of(folder / "result"), "bytes");
   EXPECT_EQ(fs::hard_link_count(folder / "result"), 1u);
+}
+
+TEST_F(PrivateDaemonTest, MakesABlobOfAFileThatLiesAmongItsUploads) {
+  const PrivateDaemon daemon({.jobs = 1, .threads = 1});
+  const client::CallSettings settings{
+      .address = daemon.address(),
+      .tls = {},
+      .retry = {},
+      .stop = {},
+      .blobs = {daemon.blobs(), daemon.blobs().parent_path().parent_path() / "uploads", false}};
+  const fs::path file = folder.write("result", "bytes"), kept = folder / "kept";
+  fs::create_hard_link(file, kept);
+  client::BlobTransfer transfer(client::make_channel(settings.address), settings);
+  const client::FileDigest given = transfer.give(file);
+  EXPECT_FALSE(fs::exists(file));
+  EXPECT_TRUE(fs::is_empty(settings.blobs.uploads));
+  const std::string hex = given.digest.substr(std::string("sha256:").size());
+  EXPECT_TRUE(fs::equivalent(kept, daemon.blobs() / hex.substr(0, 2) / hex.substr(2))) << "it was sent";
+  transfer.download(given.digest, folder / "fetched");
+  EXPECT_EQ(testing_support::content_of(folder / "fetched"), "bytes");
 }
 
 }  // namespace

@@ -21,12 +21,14 @@ using testing_support::ProcessHandle;
 
 class Process : public testing_support::DaemonTest {
  protected:
-  /// Writes its process number to $folder/started-N, then `script`, which finds the daemon's blobs in $blobs.
+  /// Writes its process number to $folder/started-N, then `script`, which finds the daemon's blobs in $blobs and its
+  /// uploads in $uploads.
   void use_worker(const std::string& script) {
-    program =
-        folder.write("worker", "#!/bin/sh\nfolder=" + folder.path().string() +
-                                   "\nwhile [ $# -gt 1 ]; do case $1 in --attempt) attempt=$2;; --blobs) blobs=$2;; " +
-                                   "esac; shift 2; done\n" + "echo $$ > $folder/started-$attempt\n" + script + "\n");
+    program = folder.write(
+        "worker",
+        "#!/bin/sh\nfolder=" + folder.path().string() +
+            "\nwhile [ $# -gt 1 ]; do case $1 in --attempt) attempt=$2;; --blobs) blobs=$2;; --uploads) uploads=$2;; " +
+            "esac; shift 2; done\n" + "echo $$ > $folder/started-$attempt\n" + script + "\n");
     fs::permissions(program, fs::perms::owner_all);
   }
   /// With the test's own data, worker and one slot unless `arguments` says otherwise.
@@ -218,12 +220,13 @@ TEST_F(Process, TellsThatItDrainsWhenItIsAskedToStop) {
   EXPECT_EQ(process.wait(), 0);
 }
 
-TEST_F(Process, AWorkerSeesItsInputsAsFiles) {
+TEST_F(Process, AWorkerSeesItsInputsAsFilesAndMayLeaveResultsAsFiles) {
   ASSERT_EQ(mkfifo((folder / "found").c_str(), 0600), 0);
-  use_worker("cat $blobs/*/* > $folder/found; exec sleep 1000");
+  use_worker("cd $uploads && pwd > $folder/uploads; cat $blobs/*/* > $folder/found; exec sleep 1000");
   auto process = serve();
   const auto job = created();
   EXPECT_THAT(testing_support::content_of(folder / "found"), ::testing::AnyOf("fixedmoving", "movingfixed"));
+  EXPECT_EQ(testing_support::content_of(folder / "uploads"), fs::canonical(folder / "data/uploads").string() + "\n");
   cancel(job.id());
   stop(process);
 }

@@ -31,6 +31,8 @@ class FakeBlobs : public v1::BlobService::Service {
   std::string retry_after;  ///< in milliseconds, what these say about waiting; "" nothing
   std::size_t longest_message = 0;
   std::map<std::string, std::string> parts;  ///< what is safe of uploads, by upload_id
+  std::filesystem::path uploads;             ///< where it looks for files that it is given; empty: nowhere
+  bool spoil_given = false;                  ///< the first of them
   std::vector<std::int64_t> write_offsets;
   std::vector<std::string> upload_ids;
   int take_overs = 0;  ///< uploads that are answered UPLOAD_TAKEN_OVER first
@@ -96,6 +98,13 @@ class FakeBlobs : public v1::BlobService::Service {
   grpc::Status QueryWriteStatus(grpc::ServerContext*, const v1::QueryWriteStatusRequest* request,
                                 v1::QueryWriteStatusResponse* response) override {
     const bool is_complete = blobs.count(request->digest()) > 0;
+    const auto given = uploads / (request->upload_id() + "." + std::to_string(request->size()) + "." +
+                                  request->digest().substr(std::string("sha256:").size()) + ".part");
+    if (!uploads.empty() && std::filesystem::exists(given)) {
+      parts[request->upload_id()] = content_of(given);
+      if (spoil_given) parts[request->upload_id()].back() ^= 1;
+      spoil_given = false;
+    }
     response->set_complete(is_complete);
     std::string& part = parts[request->upload_id()];
     response->set_committed_size(is_complete ? request->size() : static_cast<std::int64_t>(part.size()));
@@ -213,6 +222,71 @@ TEST_F(BlobTransferTest, BeginsAgainWhenWhatWasLeftIsSpoilt) {
   EXPECT_EQ(service.blobs.at(digest_of("abc")), "abc");
 }
 
+class GivenFileTest : public BlobTransferTest {
+ protected:
+  GivenFileTest() {
+    std::filesystem::create_directory(folder / "uploads");
+    settings.blobs.uploads = folder / "uploads";
+  }
+  void give() {
+    BlobTransfer(make_channel(settings.address), settings).give(file);
+    EXPECT_TRUE(service.blobs.at(digest_of(data)) == data);
+    EXPECT_FALSE(std::filesystem::exists(file));
+    EXPECT_TRUE(std::filesystem::is_empty(folder / "uploads"));
+  }
+
+  const std::string data = many_bytes(2'500'000);
+  const std::filesystem::path file = folder.write("result", data);
+  CallSettings settings = daemon.settings();
+};
+
+TEST_F(GivenFileTest, IsNotSent) {
+  service.uploads = folder / "uploads";
+  give();
+  EXPECT_EQ(service.longest_message, 0u);
+  EXPECT_EQ(service.write_offsets, std::vector<std::int64_t>{2'500'000});
+}
+
+TEST_F(GivenFileTest, IsSentToADaemonThatDoesNotSeeIt) {
+  give();
+  EXPECT_EQ(service.write_offsets, std::vector<std::int64_t>{0});
+}
+
+TEST_F(GivenFileTest, IsSentWhereItCannotBePut) {
+  settings.blobs.uploads = folder / "absent";
+  give();
+  EXPECT_EQ(service.write_offsets, std::vector<std::int64_t>{0});
+}
+
+TEST_F(GivenFileTest, IsSentWhenItWasSpoiltOnTheDisk) {
+  service.uploads = folder / "uploads";
+  service.spoil_given = true;
+  give();
+  EXPECT_EQ(service.write_offsets, (std::vector<std::int64_t>{2'500'000, 0}));
+}
+
+TEST_F(GivenFileTest, IsGivenAgainToADaemonThatWasAway) {
+  service.uploads = folder / "uploads";
+  service.cut_writes_after = 0;
+  give();
+  EXPECT_EQ(service.longest_message, 0u);
+}
+
+TEST_F(GivenFileTest, StaysWhereItWasWhenItIsRefused) {
+  service.uploads = folder / "uploads";
+  service.refusals = 1;
+  EXPECT_THROW(give(), ClientError);
+  EXPECT_TRUE(content_of(file) == data);
+  EXPECT_TRUE(std::filesystem::is_empty(folder / "uploads"));
+}
+
+TEST_F(GivenFileTest, StaysWhenItIsUploadedOnly) {
+  service.uploads = folder / "uploads";
+  BlobTransfer(make_channel(settings.address), settings).upload(file);
+  EXPECT_EQ(service.write_offsets, std::vector<std::int64_t>{0});
+  EXPECT_TRUE(content_of(file) == data);
+}
+
 TEST_F(BlobTransferTest, SaysWhenTheFileHasChangedOnTheWay) {
   // The daemon finds other bytes from the start on: to send them again would not help.
   const auto file = folder.write("image", "abc");
@@ -301,7 +375,7 @@ class SharedBlobsTest : public BlobTransferTest {
   void download(const std::string& content, const std::filesystem::path& file, bool are_ours = false,
                 const std::stop_token& stop = {}) {
     CallSettings settings = daemon.settings();
-    settings.blobs = {folder / "blobs", are_ours};
+    settings.blobs = {folder / "blobs", {}, are_ours};
     settings.stop = stop;
     BlobTransfer(make_channel(settings.address), settings).download(digest_of(content), file);
   }
@@ -361,7 +435,7 @@ TEST_F(SharedBlobsTest, TakeThePlaceOfAnOldFile) {
 
 TEST_F(SharedBlobsTest, AreNotLookedForUnderWhatIsNoDigest) {
   CallSettings settings = daemon.settings();
-  settings.blobs = {folder / "blobs", true};
+  settings.blobs = {folder / "blobs", {}, true};
   folder.write("secret", "secret");
   std::filesystem::create_directories(folder / "blobs/..");
   BlobTransfer transfer(make_channel(settings.address), settings);

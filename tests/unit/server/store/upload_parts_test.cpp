@@ -8,8 +8,10 @@
 #include "tests/support/server_fakes.h"
 #include "tests/support/temporary_folder.h"
 
+#include <fcntl.h>
 #include <gtest/gtest.h>
 #include <sys/resource.h>
+#include <sys/stat.h>
 
 #include <cerrno>
 #include <memory>
@@ -376,6 +378,88 @@ TEST_F(UploadPartsTest, AnUploadThatWouldTouchTheReserveWritesNothing) {
   disk.available = 150;
   finish(*begin(), 0);
   expect_published();
+}
+
+/// Files that a worker on this machine puts among the uploads, under a second name.
+class GivenFileTest : public UploadPartsTest {
+ protected:
+  fs::path place() const {
+    return data.uploads() / ("id." + std::to_string(content.size()) + "." +
+                             digest_of(content).substr(std::string("sha256:").size()) + ".part");
+  }
+  void put(const std::string& bytes) { fs::create_hard_link(folder.write("result", bytes), place()); }
+  void publish() {
+    auto upload = begin(static_cast<std::int64_t>(content.size()));
+    upload->seal();
+    blobs->publish(*upload);
+  }
+};
+
+TEST_F(GivenFileTest, IsAnUploadOfWhichAllIsThere) {
+  put(content);
+  EXPECT_EQ(committed(), static_cast<std::int64_t>(content.size()));
+  publish();
+  expect_published();
+  EXPECT_EQ(testing_support::content_of(folder / "result"), content);
+}
+
+TEST_F(GivenFileTest, MayComeAgainUnderTheSameName) {
+  for (int time = 0; time < 2; ++time) {
+    put(content);
+    publish();
+    expect_published();
+    blobs->remove(digest_of(content));
+  }
+}
+
+TEST_F(GivenFileTest, IsSyncedBeforeItCounts) {
+  put(content);
+  disk.sync_error = EIO;
+  EXPECT_EQ(reason_of([&] { committed(); }), "STORE_UNAVAILABLE");
+  EXPECT_EQ(testing_support::content_of(folder / "result"), content);
+}
+
+TEST_F(GivenFileTest, WithOtherBytesIsRefusedAndStaysWhatItIs) {
+  std::string other = content;
+  other.back() ^= 1;
+  put(other);
+  EXPECT_EQ(reason_of([&] { publish(); }), "DIGEST_MISMATCH");
+  EXPECT_EQ(testing_support::content_of(folder / "result"), other);
+  EXPECT_TRUE(fs::is_empty(data.uploads()));
+  put(content);
+  publish();
+  expect_published();
+}
+
+TEST_F(GivenFileTest, ThatIsTakenAwayAgainIsNoFailureOfTheDisk) {
+  put(content);
+  restart();
+  fs::remove(place());
+  EXPECT_EQ(committed(), 0);
+  finish(*begin(), 0);
+  expect_published();
+
+  put(content);
+  restart();
+  fs::remove(place());
+  EXPECT_EQ(reason_of([&] { begin(static_cast<std::int64_t>(content.size())); }), "OFFSET_MISMATCH");
+}
+
+TEST_F(GivenFileTest, BelongsToNobodyWhoComesFromElsewhere) {
+  put(content);
+  UploadPlan foreign = plan();
+  foreign.owner = "somebody";
+  EXPECT_EQ(blobs->committed(foreign), 0);
+}
+
+TEST_F(GivenFileTest, OfAWorkerThatHasDiedExpires) {
+  put(content);
+  const timespec since{std::chrono::duration_cast<std::chrono::seconds>(clock.wall().time_since_epoch() - 2h).count(),
+                       0};
+  const timespec times[] = {since, since};
+  ASSERT_EQ(utimensat(AT_FDCWD, place().c_str(), times, 0), 0);
+  EXPECT_EQ(blobs->expire_uploads(1h).count, 1);
+  EXPECT_TRUE(fs::is_empty(data.uploads()));
 }
 
 TEST_F(UploadPartsTest, ANameThatIsAPathIsRefused) {
