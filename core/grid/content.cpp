@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstdint>
 #include <limits>
 
 #include "core/grid/crop.h"
@@ -12,17 +13,41 @@ namespace {
 
 constexpr double kShareOfPlane = 1.0 / 1000;
 
+/// Rows along x: where one begins, and whether it lies on the border along another axis.
+struct Row {
+  std::size_t first;
+  bool is_border;
+};
+template <int Dim>
+Row row_at(const Lattice<Dim>& lattice, int slab, int row) {
+  const auto nx = static_cast<std::size_t>(lattice.size[0]);
+  const auto is_end = [&](int axis, int i) { return i == 0 || i == lattice.size[axis] - 1; };
+  if constexpr (Dim == 2) return {static_cast<std::size_t>(slab) * nx, is_end(1, slab)};
+  return {
+      (static_cast<std::size_t>(slab) * static_cast<std::size_t>(lattice.size[1]) + static_cast<std::size_t>(row)) * nx,
+      is_end(1, row) || is_end(2, slab)};
+}
+
+/// Rows of a slab of the last axis.
+template <int Dim>
+int rows_of_slab(const Lattice<Dim>& lattice) {
+  return Dim == 3 ? lattice.size[1] : 1;
+}
+
 /// Not a number where the border is hidden.
 template <int Dim>
 double background(const Lattice<Dim>& lattice, const float* samples, const float* weights) {
   std::vector<float> border;
+  const auto take = [&](std::size_t site) {
+    if (!weights || weights[site] > 0) border.push_back(samples[site]);
+  };
   for (int slab = 0; slab < lattice.size[Dim - 1]; ++slab)
-    visit_slab<Dim>(lattice, slab, [&](const Index<Dim>& index, std::size_t site) {
-      bool is_border = false;
-      for (int axis = 0; axis < Dim; ++axis)
-        is_border = is_border || index[axis] == 0 || index[axis] == lattice.size[axis] - 1;
-      if (is_border && (!weights || weights[site] > 0)) border.push_back(samples[site]);
-    });
+    for (int r = 0; r < rows_of_slab(lattice); ++r) {
+      const Row row = row_at(lattice, slab, r);
+      const std::size_t last = row.first + static_cast<std::size_t>(lattice.size[0]) - 1;
+      const std::size_t step = row.is_border ? 1 : std::max<std::size_t>(1, last - row.first);
+      for (std::size_t site = row.first; site <= last; site += step) take(site);
+    }
   if (border.empty()) return std::numeric_limits<double>::quiet_NaN();
   const auto middle = border.begin() + static_cast<std::ptrdiff_t>(border.size() / 2);
   std::nth_element(border.begin(), middle, border.end());
@@ -45,17 +70,37 @@ IndexBox<Dim> content_box(const Lattice<Dim>& lattice, const float* samples, con
   {
     std::array<std::vector<PlaneCount>, Dim> own;  // not a copy of what others may be adding to
     for (int axis = 0; axis < Dim; ++axis) own[axis].resize(planes[axis].size());
+    const int nx = lattice.size[0];
+    std::vector<std::uint32_t> seen(static_cast<std::size_t>(nx)), shown(seen.size());  // of a slab's planes across x
 #pragma omp for schedule(static) nowait
-    for (int slab = 0; slab < lattice.size[Dim - 1]; ++slab)
-      visit_slab<Dim>(lattice, slab, [&](const Index<Dim>& index, std::size_t site) {
-        if (weights && !(weights[site] > 0)) return;
-        const bool is_background = std::abs(samples[site] - level) <= tolerance;  // never without a background
-        for (int axis = 0; axis < Dim; ++axis) {
-          PlaneCount& plane = own[axis][static_cast<std::size_t>(index[axis])];
-          ++plane.seen;
-          plane.shown += !is_background;
+    for (int slab = 0; slab < lattice.size[Dim - 1]; ++slab) {
+      std::fill(seen.begin(), seen.end(), 0u);
+      std::fill(shown.begin(), shown.end(), 0u);
+      for (int r = 0; r < rows_of_slab(lattice); ++r) {
+        const std::size_t first = row_at(lattice, slab, r).first;
+        const float *values = samples + first, *weight = weights ? weights + first : nullptr;
+        std::uint32_t row_seen = 0, row_shown = 0;
+#pragma omp simd reduction(+ : row_seen, row_shown)
+        for (int x = 0; x < nx; ++x) {
+          const std::uint32_t sees = weight ? weight[x] > 0 : 1;
+          // Never background without one.
+          const std::uint32_t shows = sees & static_cast<std::uint32_t>(!(std::abs(values[x] - level) <= tolerance));
+          seen[x] += sees;
+          shown[x] += shows;
+          row_seen += sees;
+          row_shown += shows;
         }
-      });
+        for (int axis = 1; axis < Dim; ++axis) {
+          PlaneCount& plane = own[axis][static_cast<std::size_t>(axis == Dim - 1 ? slab : r)];
+          plane.seen += row_seen;
+          plane.shown += row_shown;
+        }
+      }
+      for (std::size_t x = 0; x < seen.size(); ++x) {
+        own[0][x].seen += seen[x];
+        own[0][x].shown += shown[x];
+      }
+    }
 #pragma omp critical(saltus_content_box)
     for (int axis = 0; axis < Dim; ++axis)
       for (std::size_t i = 0; i < planes[axis].size(); ++i) {
