@@ -206,65 +206,79 @@ void write_inverse(const RegistrationInput<Dim>& input, const Lattice<Dim>& latt
   const AffineOfIndex<Dim> back_at_start([&](const Vector<Dim>& index) -> Vector<Dim> {
     return fixed.origin + fixed.direction * frame_of(index) - moving.to_world(index);
   });
-  Field<float> moved(Dim * moving_lattice.sites());  // from the moving image's own sites
-#pragma omp parallel for schedule(static)
-  for (int slab = 0; slab < moving_lattice.size[Dim - 1]; ++slab)
-    visit_slab<Dim>(moving_lattice, slab, [&](const Index<Dim>& index, std::size_t site) {
-      const Vector<Dim> apart = start_from_site(index);
-      for (int c = 0; c < Dim; ++c) moved[Dim * site + c] = static_cast<float>(apart[c]);
-    });
-  move_forward<Dim, float>(moving_lattice, lattice, velocities, moved);
-
   result.inverse_displacement = VectorVolume<Dim>(moving);
   std::array<float*, Dim> inverse_displacement;
   for (int c = 0; c < Dim; ++c) inverse_displacement[c] = result.inverse_displacement.component(c);
   const Undoing<Dim> undoing(lattice_of(fixed), backward);
   std::vector<float> consistency(moving_lattice.sites());
   const auto all = BlockMask<Dim>::all(moving_lattice);
+  const std::size_t sites_of_slab = moving_lattice.sites() / static_cast<std::size_t>(moving_lattice.size[Dim - 1]);
+  Field<float> moved;  // from the moving image's own sites, some slabs at a time
+  Lattice<Dim> some = moving_lattice;
+  for (int begin = 0; begin < moving_lattice.size[Dim - 1]; begin += some.size[Dim - 1]) {
+    some.size[Dim - 1] = std::min(kSlabsAtOnce, moving_lattice.size[Dim - 1] - begin);
+    some.offset[Dim - 1] = moving_lattice.offset[Dim - 1] + begin * moving_lattice.spacing[Dim - 1];
+    moved.resize(Dim * some.sites());
 #pragma omp parallel for schedule(static)
-  for (int slab = 0; slab < moving_lattice.size[Dim - 1]; ++slab)
-    all.visit_pieces(
-        moving_lattice, slab, Undoing<Dim>::kLanes, [&](const Index<Dim>& index, std::size_t site, int count) {
-          const Vector<Dim> first = start(index), first_back = back_at_start(index);
-          LanePoints<Dim, float> apart{};
-          Vector<Dim> from_site = start_from_site(index);
-          for (int lane = 0; lane < count; ++lane, from_site += start_from_site.step())
-            for (int c = 0; c < Dim; ++c)
-              apart[c][lane] =
-                  static_cast<float>(moved[Dim * (site + static_cast<std::size_t>(lane)) + c] - from_site[c]);
-          typename Undoing<Dim>::Lanes square;
-          undoing.of_row(first, start.step(), count, apart, square);
-          for (int lane = 0; lane < count; ++lane) {
-            Undone<Dim> found{{}, {}, square[lane]};
-            Vector<Dim> way;
-            for (int c = 0; c < Dim; ++c) way[c] = apart[c][lane];
-            if (!undoing.is_close(found)) {
-              const Vector<Dim> y = first + lane * start.step();
-              found = undoing.of(y, y + way);
-              // Where that finds no way, across a fold or a jump, the flow is undone step by step first.
+    for (int slab = 0; slab < some.size[Dim - 1]; ++slab)
+      visit_slab<Dim>(some, slab, [&](Index<Dim> index, std::size_t site) {
+        index[Dim - 1] += begin;
+        const Vector<Dim> apart = start_from_site(index);
+        for (int c = 0; c < Dim; ++c) moved[Dim * site + c] = static_cast<float>(apart[c]);
+      });
+    move_forward<Dim, float>(some, lattice, velocities, moved);
+    const std::size_t first_site = static_cast<std::size_t>(begin) * sites_of_slab;
+#pragma omp parallel for schedule(static)
+    for (int slab = begin; slab < begin + some.size[Dim - 1]; ++slab)
+      all.visit_pieces(
+          moving_lattice, slab, Undoing<Dim>::kLanes, [&](const Index<Dim>& index, std::size_t site, int count) {
+            const Vector<Dim> first = start(index), first_back = back_at_start(index);
+            LanePoints<Dim, float> apart{};
+            Vector<Dim> from_site = start_from_site(index);
+            for (int lane = 0; lane < count; ++lane, from_site += start_from_site.step())
+              for (int c = 0; c < Dim; ++c)
+                apart[c][lane] = static_cast<float>(
+                    moved[Dim * (site - first_site + static_cast<std::size_t>(lane)) + c] - from_site[c]);
+            typename Undoing<Dim>::Lanes square;
+            undoing.of_row(first, start.step(), count, apart, square);
+            for (int lane = 0; lane < count; ++lane) {
+              Undone<Dim> found{{}, {}, square[lane]};
+              Vector<Dim> way;
+              for (int c = 0; c < Dim; ++c) way[c] = apart[c][lane];
               if (!undoing.is_close(found)) {
-                const Undone<Dim> other = undoing.of(y, forward_point<Dim, float>(lattice, velocities, y));
-                if (other.square < found.square) found = other;
+                const Vector<Dim> y = first + lane * start.step();
+                found = undoing.of(y, y + way);
+                // Where that finds no way, across a fold or a jump, the flow is undone step by step first.
+                if (!undoing.is_close(found)) {
+                  const Undone<Dim> other = undoing.of(y, forward_point<Dim, float>(lattice, velocities, y));
+                  if (other.square < found.square) found = other;
+                }
+                way = found.at - y;
               }
-              way = found.at - y;
+              const Vector<Dim> back = first_back + lane * back_at_start.step() + fixed.direction * way;
+              for (int c = 0; c < Dim; ++c)
+                inverse_displacement[c][site + static_cast<std::size_t>(lane)] = static_cast<float>(back[c]);
+              consistency[site + static_cast<std::size_t>(lane)] = static_cast<float>(std::sqrt(found.square));
             }
-            const Vector<Dim> back = first_back + lane * back_at_start.step() + fixed.direction * way;
-            for (int c = 0; c < Dim; ++c)
-              inverse_displacement[c][site + static_cast<std::size_t>(lane)] = static_cast<float>(back[c]);
-            consistency[site + static_cast<std::size_t>(lane)] = static_cast<float>(std::sqrt(found.square));
-          }
-        });
+          });
+  }
   result.summary.inverse_consistency_mm = ranking_of(consistency.size(), consistency.data()).at(consistency.size() / 2);
 }
 
 }  // namespace
 
 template <int Dim>
-Field<float> write_fields(const RegistrationInput<Dim>& input, const Lattice<Dim>& lattice,
-                          const std::vector<Field<float>>& velocities, RegistrationResult<Dim>& result) {
+Field<float> map_back(const RegistrationInput<Dim>& input, const Lattice<Dim>& lattice,
+                      const std::vector<Field<float>>& velocities) {
+  return backward_map<Dim, float>(lattice_of(input.fixed.grid), lattice, velocities);
+}
+
+template <int Dim>
+void write_fields(const RegistrationInput<Dim>& input, const Lattice<Dim>& lattice,
+                  const std::vector<Field<float>>& velocities, const Field<float>& backward,
+                  RegistrationResult<Dim>& result) {
   const ImageGrid<Dim>&fixed = input.fixed.grid, &moving = input.moving.grid;
   const Lattice<Dim> fixed_lattice = lattice_of(fixed), moving_lattice = lattice_of(moving);
-  const Field<float> backward = backward_map<Dim, float>(fixed_lattice, lattice, velocities);
 
   // Frame -> world: x + u(x) = A (x + R psi_u) + b.
   result.displacement = VectorVolume<Dim>(fixed);
@@ -294,7 +308,6 @@ Field<float> write_fields(const RegistrationInput<Dim>& input, const Lattice<Dim
                                 frame_to_index(input).offset};
   result.warped = Volume<Dim>(fixed);
   warp<Dim, float>(image, fixed_lattice, backward.data(), result.warped.samples.data());
-  return backward;
 }
 
 template <int Dim>
@@ -372,14 +385,16 @@ void summarise_similarity(const MatchingLevel<Dim, float>& full, const Registrat
   result.summary.similarity_after = evaluate({backward.data()});
 }
 
-#define SALTUS_FINISH(DIM)                                                                          \
-  template AffineMap<DIM> frame_to_index(const RegistrationInput<DIM>&);                            \
-  template Field<float> write_fields(const RegistrationInput<DIM>&, const Lattice<DIM>&,            \
-                                     const std::vector<Field<float>>&, RegistrationResult<DIM>&);   \
-  template void collect_momenta(const std::vector<MomentumScale<DIM, float>*>&,                     \
-                                const std::vector<MomentumPointers<float>>&, const ImageGrid<DIM>&, \
-                                RegistrationResult<DIM>&);                                          \
-  template void summarise_similarity(const MatchingLevel<DIM, float>&, const RegistrationOptions&,  \
+#define SALTUS_FINISH(DIM)                                                                                         \
+  template AffineMap<DIM> frame_to_index(const RegistrationInput<DIM>&);                                           \
+  template Field<float> map_back(const RegistrationInput<DIM>&, const Lattice<DIM>&,                               \
+                                 const std::vector<Field<float>>&);                                                \
+  template void write_fields(const RegistrationInput<DIM>&, const Lattice<DIM>&, const std::vector<Field<float>>&, \
+                             const Field<float>&, RegistrationResult<DIM>&);                                       \
+  template void collect_momenta(const std::vector<MomentumScale<DIM, float>*>&,                                    \
+                                const std::vector<MomentumPointers<float>>&, const ImageGrid<DIM>&,                \
+                                RegistrationResult<DIM>&);                                                         \
+  template void summarise_similarity(const MatchingLevel<DIM, float>&, const RegistrationOptions&,                 \
                                      const Field<float>&, RegistrationResult<DIM>&);
 SALTUS_FINISH(2)
 SALTUS_FINISH(3)

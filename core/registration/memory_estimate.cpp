@@ -1,5 +1,6 @@
 #include "core/flow/element_transport.h"
 #include "core/momenta/oriented_momenta.h"
+#include "core/registration/finish.h"
 #include "core/registration/register_images.h"
 #include "core/registration/scales.h"
 #include "core/registration/working_set.h"
@@ -230,11 +231,18 @@ std::size_t memory_estimate(const ImageGrid<Dim>& fixed, const ImageGrid<Dim>& m
   // divides that, of one image at a time, see ImagePyramid; the momenta wait.
   const double level_moving = static_cast<double>(moving_level_lattice(image, moving_image, finest).sites());
   const double making = (5 * std::max(full, full_moving) + 2 * (sites_of(finest) + level_moving)) * kScalar + momenta;
-  // At the end: map, displacement and the frame at rest, Jacobian and warped image, both images again with what warps
-  // them, and the similarity at full resolution; the inverse; velocities.
+  // At the end, beside velocities and map: both images at full resolution with what they are made of, what warps them
+  // and the similarity; then the fields, of the inverse some slabs on their way and how far it is off; then what a slip
+  // surface is looked for in, see JumpDensity.
   const double flow = sites_of(has_first ? finest : finest + options.flow.coarsening);
-  const double end = full * (3 * kVector<Dim> + (8 + similarity_scratch(options.similarity, Dim)) * kScalar) +
-                     full_moving * (kVector<Dim> + 8 + 2 * kScalar) + flow * most_nodes(options) * kVector<Dim> + kept;
+  const double similarity =
+      full * (6 + similarity_scratch(options.similarity, Dim)) * kScalar + full_moving * 3 * kScalar;
+  const double fields = full * (kVector<Dim> + 2 * kScalar) + full_moving * kVector<Dim>;
+  const double under_way =
+      full_moving * (kVector<Dim> * std::min(1.0, 1.0 * kSlabsAtOnce / moving.size[Dim - 1]) + kScalar);
+  const double slip = has_first ? sites_of(options.momenta.first_order_finest_scale) * 2 * Dim * kVector<Dim> : 0;
+  const double end = full * kVector<Dim> + std::max(similarity, fields + std::max(under_way, slip)) +
+                     flow * most_nodes(options) * kVector<Dim> + kept;
   // Both images with masks, a field of directions as given and as it is used, and what is too small to be counted one
   // by one.
   const double directions = options.model == Model::Directional ? 3 * kVector<Dim> * full : 0;

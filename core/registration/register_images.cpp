@@ -65,10 +65,12 @@ RegistrationResult<Dim> register_images(const RegistrationInput<Dim>& input, con
     for (auto& of_kernel : jump_elements<Dim, float>(*run.scales()[s], objective.working_set().pointers(momenta)[s]))
       jumps.push_back(std::move(of_kernel));
   run.release();
-  const Field<float> backward = write_fields(input, flow, velocities, result);
+  // The similarity first: what it needs for itself is gone before there are fields.
+  const Field<float> backward = map_back(input, flow, velocities);
+  summarise_similarity(run.pyramid().full_resolution(), options, backward, result);
+  write_fields(input, flow, velocities, backward, result);
   result.slip =
       measure_slip<Dim>(jumps, {flow, velocities, input.fixed.grid, backward, input.start, input.moving.grid});
-  summarise_similarity(run.pyramid().full_resolution(), options, backward, result);
   run.count_time();
   summary.seconds = run.summary().seconds;
   summary.cpu_seconds = run.summary().cpu_seconds;
