@@ -19,8 +19,9 @@ class PrivateDaemon {
  public:
   /// How much it takes on.
   struct Work {
-    int jobs = 1;     ///< at the same time
-    int threads = 0;  ///< that each job asks for; 0: none, so that the machine's are shared out among the jobs
+    int jobs = 1;              ///< at the same time
+    int threads = 0;           ///< that each job asks for; 0: none, so that the machine's are shared out among the jobs
+    bool is_one_pair = false;  ///< there is one job and no other, so that its result may be the daemon's own files
   };
   /// Throws FileError when saltusd is not found or does not start.
   explicit PrivateDaemon(const Work& work);

@@ -40,7 +40,8 @@ int register_one(const RegisterOptions& options) {
   const ResultFolder folder(options.out);
   std::optional<Registrar> registrar;
   try {
-    registrar.emplace(options.server, PrivateDaemon::Work{.jobs = 1, .threads = options.job.threads});
+    registrar.emplace(options.server,
+                      PrivateDaemon::Work{.jobs = 1, .threads = options.job.threads, .is_one_pair = true});
     v1::RegistrationJob job;
     {
       ProgressDisplay display(std::cerr, display_style_of_stderr());

@@ -94,7 +94,8 @@ Registrar::Registrar(ServerChoice server, const PrivateDaemon::Work& work) : par
   parts_->server = std::move(server);
   if (!parts_->server.address.empty()) return;
   parts_->daemon.emplace(work);
-  parts_->server = {parts_->daemon->address(), {}, {}, {}, {parts_->daemon->blobs(), {}, true}};
+  parts_->server = {
+      parts_->daemon->address(), {}, {}, {}, {.folder = parts_->daemon->blobs(), .are_ours = work.is_one_pair}};
   parts_->watch_patience = std::chrono::seconds(2);
 }
 

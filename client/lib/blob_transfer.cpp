@@ -15,6 +15,7 @@
 
 #include <fcntl.h>
 #include <sys/stat.h>
+#include <sys/xattr.h>
 #include <unistd.h>
 
 namespace saltus::client {
@@ -22,6 +23,15 @@ namespace {
 
 constexpr std::size_t upload_chunk = 1 << 20;
 constexpr std::string_view kPrefix = "sha256:";  // of digests
+
+/// Of two files, one that neither has included.
+bool has_same_attribute(const std::string& one, const std::string& other, const char* attribute) {
+  char of_one[4096], of_other[sizeof of_one];
+  const ssize_t length = lgetxattr(one.c_str(), attribute, of_one, sizeof of_one);
+  const ssize_t other_length = lgetxattr(other.c_str(), attribute, of_other, sizeof of_other);
+  return length == other_length &&
+         (length <= 0 || std::memcmp(of_one, of_other, static_cast<std::size_t>(length)) == 0);
+}
 
 /// A file that gets its name when it is complete; else nothing of it stays.
 class PendingFile {
@@ -56,14 +66,20 @@ class PendingFile {
   }
 
   /// Goes on as `source` itself, with the permissions of a new file. False, and nothing changed, where that is on
-  /// another file system, or has another name already: whoever wrote to one would change both.
+  /// another file system, has another name already (whoever wrote to one would change both), or belongs to others than
+  /// a new file here.
   bool become(const std::filesystem::path& source) {
     const std::string linked = name_ + ".link";
-    struct stat made {
-    }, found{};
+    struct stat made {};
+    struct stat found {};
     if (fstat(descriptor_, &made) != 0 || link(source.c_str(), linked.c_str()) != 0) return false;
     const bool is_alone = lstat(linked.c_str(), &found) == 0 && S_ISREG(found.st_mode) && found.st_nlink == 2;
-    if (is_alone && chmod(linked.c_str(), made.st_mode & 07777) == 0 && rename(linked.c_str(), name_.c_str()) == 0)
+    // What a folder gives its files beside permissions.
+    const bool is_alike = found.st_uid == made.st_uid && found.st_gid == made.st_gid &&
+                          has_same_attribute(name_, linked, "system.posix_acl_access") &&
+                          has_same_attribute(name_, linked, "security.selinux");
+    if (is_alone && is_alike && chmod(linked.c_str(), made.st_mode & 07777) == 0 &&
+        rename(linked.c_str(), name_.c_str()) == 0)
       return true;
     unlink(linked.c_str());
     return false;
@@ -137,8 +153,10 @@ std::string lasting_id(const FileDigest& what) {
 /// with this object, unless the daemon has made it the blob's.
 class OfferedFile {
  public:
-  OfferedFile(const std::filesystem::path& file, const FileDigest& what, const std::filesystem::path& uploads)
-      : id_(random_id()) {
+  /// Not where `uploads` is empty or cannot hold it.
+  OfferedFile(const std::filesystem::path& file, const FileDigest& what, const std::filesystem::path& uploads,
+              std::string id)
+      : id_(std::move(id)) {
     if (uploads.empty()) return;
     name_ = uploads / (id_ + "." + std::to_string(what.size) + "." + what.digest.substr(kPrefix.size()) + ".part");
     if (link(file.c_str(), name_.c_str()) != 0) name_.clear();
@@ -188,17 +206,18 @@ grpc::Status send_file(v1::BlobService::Stub& stub, grpc::ClientContext& context
 BlobTransfer::BlobTransfer(std::shared_ptr<grpc::Channel> channel, CallSettings settings)
     : settings_(std::move(settings)), stub_(v1::BlobService::NewStub(channel)) {}
 
-FileDigest BlobTransfer::upload(const std::filesystem::path& file) { return send(file, false); }
+FileDigest BlobTransfer::upload(const std::filesystem::path& file) { return send(file, {}, {}); }
 
-FileDigest BlobTransfer::give(const std::filesystem::path& file) {
-  const FileDigest what = send(file, true);
+FileDigest BlobTransfer::give(const std::filesystem::path& file, const std::string& name) {
+  const FileDigest what = send(file, settings_.blobs.uploads, settings_.blobs.given_as + name);
   std::error_code error;
   if (!std::filesystem::remove(file, error) && error)
     throw LocalFileError(file.string() + " cannot be removed: " + error.message());
   return what;
 }
 
-FileDigest BlobTransfer::send(const std::filesystem::path& file, bool is_given) {
+FileDigest BlobTransfer::send(const std::filesystem::path& file, const std::filesystem::path& uploads,
+                              const std::string& given_id) {
   const FileDigest what = digest_of_file(file);
   v1::FindMissingBlobsRequest question;
   question.add_digests(what.digest);
@@ -206,7 +225,7 @@ FileDigest BlobTransfer::send(const std::filesystem::path& file, bool is_given) 
   call(settings_, CallKind::Unary,
        [&](grpc::ClientContext& context, bool&) { return stub_->FindMissingBlobs(&context, question, &answer); });
   if (answer.missing().empty()) return what;
-  OfferedFile offered(file, what, is_given ? settings_.blobs.uploads : std::filesystem::path());
+  OfferedFile offered(file, what, uploads, given_id);
   std::string id = offered.is_there() ? offered.id() : lasting_id(what);
   v1::QueryWriteStatusResponse progress;
   const auto ask = [&] {

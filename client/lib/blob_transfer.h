@@ -23,8 +23,9 @@ class BlobTransfer {
 
   /// The same for a file that nobody writes to any more, whose name is gone afterwards. Where CallSettings::blobs has a
   /// folder of uploads on the same file system, the daemon gets the file itself, and checks it as it checks what it is
-  /// sent.
-  FileDigest give(const std::filesystem::path& file);
+  /// sent. `name`: letters, digits and '-', of this file alone among those that are given with the same
+  /// SharedBlobs::given_as, so that others can tell whose what a killed program leaves there was.
+  FileDigest give(const std::filesystem::path& file, const std::string& name);
 
   /// Writes the blob to `file`. The file appears under its name only when it is complete and its digest is right;
   /// a cut download goes on where it stopped. Every message is checked by its CRC-32C. Where CallSettings::blobs has
@@ -33,7 +34,7 @@ class BlobTransfer {
   void download(const std::string& digest, const std::filesystem::path& file);
 
  private:
-  FileDigest send(const std::filesystem::path& file, bool is_given);
+  FileDigest send(const std::filesystem::path& file, const std::filesystem::path& uploads, const std::string& given_id);
 
   CallSettings settings_;
   std::unique_ptr<v1::BlobService::Stub> stub_;

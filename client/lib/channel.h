@@ -34,8 +34,9 @@ struct TlsIdentity {
 struct SharedBlobs {
   std::filesystem::path folder;     ///< the daemon's blobs/sha256, to read; empty: not seen from here
   std::filesystem::path uploads{};  ///< the daemon's uploads, to put files in; empty: not from here
-  /// The daemon serves this program alone and ends with it, so that the bytes of a blob may go on under the name they
-  /// are wanted under.
+  std::string given_as{};           ///< what ids of files that are put there begin with, see BlobTransfer::give
+  /// The daemon ends with this program and nobody else asks it for anything, so that a blob's file may go on under the
+  /// name that it is wanted under.
   bool are_ours = false;
 };
 

@@ -4,7 +4,7 @@
 #include <itkDisplacementFieldTransform.h>
 #include <itkHDF5TransformIO.h>
 
-#include <hdf5.h>
+#include <itk_hdf5.h>
 
 #include <algorithm>
 #include <array>

@@ -94,6 +94,13 @@ class SpawnPlan {
   posix_spawnattr_t attributes_;
 };
 
+/// What names among the uploads begin with that a worker has given, see UploadParts::kGivenId.
+constexpr const char* kGiven = "given-";
+
+bool is_given_by(const AttemptKey& key, const std::string& name) {
+  return name.starts_with(kGiven + file_name_of(key) + "-");
+}
+
 std::vector<std::string> worker_environment(int threads, bool has_cores_alone, const fs::path& temporary_files) {
   auto own = worker_variables(threads, has_cores_alone, std::getenv("GLIBC_TUNABLES"));
   own.emplace_back("TMPDIR", temporary_files.string());
@@ -153,6 +160,11 @@ void LocalLauncher::remove_files(const AttemptKey& key) const {
   std::error_code ignored;  // files that are not there any more are no loss
   fs::remove(token_file(key), ignored);
   fs::remove_all(work_folder(key), ignored);
+  // What it had given and was killed before the daemon took it.
+  for (fs::directory_iterator at(settings_.uploads, ignored), end; !ignored && at != end; at.increment(ignored)) {
+    std::error_code gone;
+    if (is_given_by(key, at->path().filename())) fs::remove(at->path(), gone);
+  }
 }
 
 /// Whether threads that wait awake take no core from another worker.
@@ -322,6 +334,14 @@ void LocalLauncher::remove_stale_files() {
     for (const auto& entry : fs::directory_iterator(folder))
       if (!kept.contains(entry.path())) fs::remove_all(entry.path());
   }
+  if (!fs::exists(settings_.uploads)) return;
+  const auto is_of_worker = [this](const std::string& name) {
+    return std::any_of(workers_.begin(), workers_.end(),
+                       [&](const auto& worker) { return is_given_by(worker.first, name); });
+  };
+  for (const auto& entry : fs::directory_iterator(settings_.uploads))
+    if (const std::string name = entry.path().filename(); name.starts_with(kGiven) && !is_of_worker(name))
+      fs::remove(entry.path());
 }
 
 }  // namespace saltus::server

@@ -87,8 +87,8 @@ void UploadParts::notice_all() {
     const std::lock_guard lock(mutex_);
     struct stat status {};
     // One that is gone had its file removed or renamed: this is another one's.
-    if (can_be_continued(name) && !is_known(name) && ::lstat(entry.path().c_str(), &status) == 0 &&
-        S_ISREG(status.st_mode))
+    if (name.starts_with(kGivenId) && can_be_continued(name) && !is_known(name) &&
+        ::lstat(entry.path().c_str(), &status) == 0 && S_ISREG(status.st_mode))
       insert(name, modified(status));
   }
 }
@@ -96,9 +96,7 @@ void UploadParts::notice_all() {
 /// Whether there is an upload of this name. To be called with the map locked.
 bool UploadParts::is_known(const std::string& name) const {
   const auto known = parts_.find(name);
-  if (known == parts_.end()) return false;
-  const std::lock_guard lock(known->second->mutex);
-  return !known->second->is_gone;
+  return known != parts_.end() && !known->second->is_gone;
 }
 
 void UploadParts::add(const std::string& name, WallTime touched) {
@@ -111,6 +109,7 @@ void UploadParts::insert(const std::string& name, WallTime touched) {
   auto part = std::make_shared<UploadPart>();
   part->file = folder_ / name;
   part->is_kept = true;
+  part->is_given = name.starts_with(kGivenId);
   part->committed.reset();
   part->touched = touched;
   parts_.insert_or_assign(name, std::move(part));
@@ -153,7 +152,7 @@ void UploadParts::adopt(const UploadPlan& plan) {
 /// Knows of the file that a worker has put there for the upload, if there is one.
 void UploadParts::notice(const UploadPlan& plan) {
   const std::string name = name_of(plan);
-  if (!plan.owner.empty() || !can_be_continued(name)) return;
+  if (!name.starts_with(kGivenId) || !can_be_continued(name)) return;
   const std::lock_guard lock(mutex_);
   if (is_known(name)) return;
   struct stat status {};
@@ -196,6 +195,7 @@ void UploadParts::make_room() {
   WallTime oldest_time = WallTime::max();
   for (const auto& part : parts) {
     const std::lock_guard lock(part->mutex);
+    if (part->is_given && !part->is_held && is_missing(*part)) part->is_gone = true;
     if (part->is_gone) gone.push_back(part);
     if (part->is_gone || part->is_held || part->touched >= oldest_time) continue;
     oldest = part;
@@ -221,6 +221,11 @@ std::int64_t UploadParts::remove(UploadPart& part) {
   return is_there ? status.st_size : 0;
 }
 
+bool UploadParts::is_missing(const UploadPart& part) {
+  struct stat status {};
+  return ::lstat(part.file.c_str(), &status) != 0 && errno == ENOENT;
+}
+
 void UploadParts::sync(UploadPart& part, int descriptor) {
   if (disk_.sync_data(descriptor) == 0) return;
   const int reason = errno;
@@ -243,7 +248,7 @@ void UploadParts::learn_committed(UploadPart& part) {
   struct stat status {};
   if (descriptor.get() < 0 || ::fstat(descriptor.get(), &status) != 0)
     fail_write(state_, "cannot open " + part.file.string());
-  sync(part, descriptor.get());
+  if (!part.is_given) sync(part, descriptor.get());
   part.committed = status.st_size;
 }
 
@@ -270,9 +275,22 @@ std::unique_ptr<BlobUpload> UploadParts::begin(const UploadPlan& plan) {
     learn_committed(*part);
     if (part->is_gone) continue;
     if (plan.offset != *part->committed) throw offset_mismatch(plan, *part->committed);
-    FileDescriptor descriptor(::open(part->file.c_str(), O_RDWR | O_CREAT | O_CLOEXEC, 0600));
+    const int how = O_RDWR | O_CLOEXEC | (plan.offset == 0 ? O_CREAT : 0);
+    FileDescriptor descriptor(::open(part->file.c_str(), how, 0600));
+    struct stat status {};
+    if (descriptor.get() < 0 && errno == ENOENT && plan.offset > 0) {
+      part->is_gone = true;
+      continue;
+    }
+    if (descriptor.get() < 0 || ::fstat(descriptor.get(), &status) != 0)
+      fail_write(state_, "cannot write " + part->file.string());
+    // A file that has another name is somebody's: none of it is cut off.
+    if (status.st_size < plan.offset || (status.st_size > plan.offset && status.st_nlink > 1)) {
+      remove(*part);
+      continue;
+    }
     // What a cut stream has written beyond the last sync was promised to nobody.
-    if (descriptor.get() < 0 || ::ftruncate(descriptor.get(), plan.offset) != 0)
+    if (status.st_size > plan.offset && ::ftruncate(descriptor.get(), plan.offset) != 0)
       fail_write(state_, "cannot write " + part->file.string());
     ++part->turn;
     return std::make_unique<FileUpload>(*this, part, std::move(descriptor), plan, std::move(room));

@@ -6,6 +6,7 @@
 #include "server/store/disk.h"
 #include "server/store/disk_reserve.h"
 
+#include <atomic>
 #include <chrono>
 #include <cstdint>
 #include <filesystem>
@@ -24,8 +25,11 @@ struct UploadPart {
   bool is_kept = false;    ///< has an id: stays when its stream is cut
   std::uint64_t turn = 0;  ///< of the stream that may write; another that goes on takes the next
   bool is_held = false;    ///< a stream is at it
-  bool is_gone = false;    ///< published or removed
-  /// How many bytes are durable. Nothing: an earlier daemon left the file, and this one has not synced it yet.
+  bool is_given = false;   ///< a worker of this machine has put the file there
+  /// Published or removed. Read without the mutex as well, whose holder may be waiting for the disk.
+  std::atomic<bool> is_gone = false;
+  /// How many bytes are durable, or, of a given file, there. Nothing: an earlier daemon left the file, and this one has
+  /// not synced it yet, or has not looked at one that is given.
   std::optional<std::int64_t> committed = 0;
   WallTime touched{};
 };
@@ -34,14 +38,18 @@ struct UploadPart {
 /// without these when it cannot be continued. <owner> is a hash: an identity may hold what no file name can.
 /// Thread-safe.
 ///
-/// A file of such a name, without an owner, that a worker on this machine has put there is an upload of which all bytes
-/// that it has are there. The worker takes it away again if it likes, and then knows that nobody has it.
+/// A worker on this machine may put a file there itself, under an id that begins with `kGivenId`: an upload of which
+/// all bytes that it has are there. It keeps the file under its own name too until the blob is stored, so these bytes
+/// are synced when the upload is sealed and not before somebody is told of them: a question waits for no disk. The
+/// worker takes the name here away again if it likes.
 ///
 /// Only bytes that were synced count as committed; what else a stream that was cut has written is cut off when another
 /// goes on. After a crash of the daemon the whole file counts, once it has been synced. If a failure of the power has
 /// spoilt it, the digest says so at the end.
 class UploadParts {
  public:
+  static constexpr const char* kGivenId = "given-";
+
   struct Limits {
     std::int64_t sync_bytes = 8 << 20;  ///< so much comes between two syncs
     std::size_t kept = 256;             ///< parts that wait to be continued; the oldest makes room for another
@@ -78,6 +86,7 @@ class UploadParts {
   void load();
   void add(const std::string& name, WallTime touched);
   void insert(const std::string& name, WallTime touched);
+  static bool is_missing(const UploadPart& part);
   void adopt(const UploadPlan& plan);
   void notice(const UploadPlan& plan);
   void notice_all();

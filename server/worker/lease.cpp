@@ -83,10 +83,12 @@ void Lease::set_progress(const v1::JobProgress& progress) {
 std::chrono::milliseconds Lease::duration() const { return milliseconds_of(terms_.lease_seconds()); }
 
 client::CallSettings Lease::transfer_settings() const {
-  client::CallSettings settings{.address = identity_.server,
-                                .retry = {},
-                                .stop = stop_.get_token(),
-                                .blobs = {identity_.blobs, identity_.uploads, false}};
+  client::CallSettings settings{
+      .address = identity_.server,
+      .retry = {},
+      .stop = stop_.get_token(),
+      .blobs = {identity_.blobs, identity_.uploads,
+                "given-" + identity_.job_id + "-" + std::to_string(identity_.attempt) + "-", false}};
   settings.retry.longest_delay = std::chrono::milliseconds(1000);
   settings.retry.patience = duration();
   return settings;

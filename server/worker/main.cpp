@@ -15,6 +15,7 @@
 
 #include <algorithm>
 #include <chrono>
+#include <cstdio>
 #include <cstdlib>
 #include <fstream>
 #include <iostream>
@@ -92,7 +93,12 @@ int run(const Arguments& arguments) {
                                  arguments.uploads};
   catch_termination_signals();
   prepare_process();
-  return run_attempt(identity);
+  const int code = run_attempt(identity);
+  // Without what libraries do when a process ends: where it could not write a file, HDF5 ends in a signal there, which
+  // would be taken for the outcome.
+  std::cerr.flush();
+  std::fflush(nullptr);
+  ::_exit(code);
 }
 
 }  // namespace

@@ -7,13 +7,12 @@
 #include "server/worker/checkpoint_keeper.h"
 #include "server/worker/process_limits.h"
 #include "server/worker/registration_job.h"
+#include "server/worker/result_sender.h"
 #include "server/worker/work_folder.h"
 
 #include <algorithm>
-#include <atomic>
 #include <exception>
 #include <fstream>
-#include <future>
 #include <iostream>
 #include <new>
 
@@ -232,40 +231,6 @@ std::vector<std::string> register_with_checkpoints(const RegistrationTask& task,
   return run_registration_task(task, results, observe, checkpoints);
 }
 
-/// Sends what lies in `results` under these names. Two at a time: while one waits for the daemon to store what has
-/// come, the other one is read and digested.
-std::vector<v1::Artifact> send_results(const std::vector<std::string>& names, const std::filesystem::path& results,
-                                       client::BlobTransfer& blobs) {
-  std::vector<v1::Artifact> artifacts(names.size());
-  std::atomic<std::size_t> next = 0;
-  std::atomic<bool> has_failed = false;
-  const auto send = [&] {
-    try {
-      for (std::size_t i = next++; i < names.size() && !has_failed; i = next++) {
-        SALTUS_FAILPOINT("worker.upload.before");
-        const client::FileDigest sent = blobs.give(results / names[i]);
-        SALTUS_FAILPOINT("worker.upload.after");
-        artifacts[i].set_name(names[i]);
-        artifacts[i].set_digest(sent.digest);
-        artifacts[i].set_size(sent.size);
-      }
-    } catch (...) {
-      has_failed = true;  // what is not sent yet would be sent in vain
-      throw;
-    }
-  };
-  auto beside = std::async(std::launch::async, send);
-  std::exception_ptr failure;
-  try {
-    send();
-  } catch (...) {
-    failure = std::current_exception();
-  }
-  beside.get();
-  if (failure) std::rethrow_exception(failure);
-  return artifacts;
-}
-
 WorkerExit work(Lease& lease, const AttemptIdentity& identity, const WorkFolder& work_folder) {
   const std::filesystem::path& folder = work_folder.path();
   client::BlobTransfer blobs(client::make_channel(identity.server, identity.tls), lease.transfer_settings());
@@ -281,8 +246,16 @@ WorkerExit work(Lease& lease, const AttemptIdentity& identity, const WorkFolder&
     // A daemon that is away is not waited for so long: the lease then ends, and with it the transfer.
     client::CallSettings patient = lease.transfer_settings();
     patient.retry.patience = std::max<std::chrono::milliseconds>(patient.retry.patience, room_patience);
-    client::BlobTransfer result_blobs(client::make_channel(identity.server, identity.tls), patient);
-    lease.complete_success(send_results(names, results, result_blobs));
+    const auto channel = client::make_channel(identity.server, identity.tls);
+    const auto send = [&](std::size_t index, const std::stop_token& stop) {
+      client::CallSettings settings = patient;
+      settings.stop = stop;
+      SALTUS_FAILPOINT("worker.upload.before");
+      const auto sent = client::BlobTransfer(channel, settings).give(results / names[index], std::to_string(index));
+      SALTUS_FAILPOINT("worker.upload.after");
+      return sent;
+    };
+    lease.complete_success(send_results(names, send, lease.stop_token()));
     return OutcomeReported;
   } catch (const TaskStopped&) {
     return finish_stopped(lease);

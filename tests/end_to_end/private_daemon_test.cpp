@@ -30,8 +30,11 @@ TEST_F(PrivateDaemonTest, KeepsBlobsWhereItSaysSoThatResultsNeedNotComeOverTheCo
   {
     const PrivateDaemon daemon({.jobs = 1, .threads = 1});
     blobs = daemon.blobs();
-    client::RegistrationClient client(
-        {.address = daemon.address(), .tls = {}, .retry = {}, .stop = {}, .blobs = {blobs, {}, true}});
+    client::RegistrationClient client({.address = daemon.address(),
+                                       .tls = {},
+                                       .retry = {},
+                                       .stop = {},
+                                       .blobs = {.folder = blobs, .are_ours = true}});
     const v1::InputFile sent = client.upload_file(folder.write("image", "bytes"), "mha");
     v1::Artifact wanted;
     wanted.set_digest(sent.digest());
@@ -46,16 +49,17 @@ TEST_F(PrivateDaemonTest, KeepsBlobsWhereItSaysSoThatResultsNeedNotComeOverTheCo
 
 TEST_F(PrivateDaemonTest, MakesABlobOfAFileThatLiesAmongItsUploads) {
   const PrivateDaemon daemon({.jobs = 1, .threads = 1});
-  const client::CallSettings settings{
-      .address = daemon.address(),
-      .tls = {},
-      .retry = {},
-      .stop = {},
-      .blobs = {daemon.blobs(), daemon.blobs().parent_path().parent_path() / "uploads", false}};
+  const client::CallSettings settings{.address = daemon.address(),
+                                      .tls = {},
+                                      .retry = {},
+                                      .stop = {},
+                                      .blobs = {.folder = daemon.blobs(),
+                                                .uploads = daemon.blobs().parent_path().parent_path() / "uploads",
+                                                .given_as = "given-job-1-"}};
   const fs::path file = folder.write("result", "bytes"), kept = folder / "kept";
   fs::create_hard_link(file, kept);
   client::BlobTransfer transfer(client::make_channel(settings.address), settings);
-  const client::FileDigest given = transfer.give(file);
+  const client::FileDigest given = transfer.give(file, "0");
   EXPECT_FALSE(fs::exists(file));
   EXPECT_TRUE(fs::is_empty(settings.blobs.uploads));
   const std::string hex = given.digest.substr(std::string("sha256:").size());

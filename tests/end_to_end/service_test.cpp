@@ -1,5 +1,6 @@
 #include "tests/end_to_end/end_to_end.h"
 #include "tests/support/certificates.h"
+#include "tests/support/scrape.h"
 
 #include <csignal>
 #include <fstream>
@@ -171,6 +172,34 @@ TEST_F(ServerTest, AJobOutlivesAKilledDaemon) {
   EXPECT_EQ(job["state"], "SUCCEEDED");
   EXPECT_EQ(job["attempt"], 1) << "the worker's own attempt counts";
   EXPECT_EQ(run(here({"fetch", id, "--out", folder / "out"})).exit_code, 0);
+  expect_shift(folder / "out" / "displacement.mha");
+}
+
+/// A daemon that counts what comes and goes.
+class CountingServerTest : public ServerTest {
+ protected:
+  CountingServerTest() { daemon_options = {"--metrics", "127.0.0.1:0"}; }
+  /// What the metric of this name says.
+  std::uintmax_t count_of(const std::string& name) {
+    const std::string said = "metrics on http://127.0.0.1:";
+    const std::string line = daemon->wait_for_output(said);
+    const std::string page = testing_support::scraped(std::stoi(line.substr(line.find(said) + said.size())));
+    const auto at = page.find("\n" + name + " ");
+    if (at == std::string::npos) throw std::runtime_error(name + " is not among the metrics");
+    return static_cast<std::uintmax_t>(std::stod(page.substr(at + name.size() + 2)));
+  }
+};
+
+// A worker on the daemon's machine reads its images and gives its results as files.
+TEST_F(CountingServerTest, NothingGoesThroughTheDaemonToAWorkerOnItsMachineOrBack) {
+  const std::string id = submit();
+  EXPECT_EQ(run(here({"watch", id})).exit_code, 0);
+  const std::uintmax_t images =
+      std::filesystem::file_size(folder / "fixed.mha") + std::filesystem::file_size(folder / "moving.mha");
+  EXPECT_EQ(count_of("saltusd_upload_bytes_total"), images);
+  EXPECT_EQ(count_of("saltusd_download_bytes_total"), 0u);
+  EXPECT_EQ(run(here({"fetch", id, "--out", folder / "out"})).exit_code, 0);
+  EXPECT_GT(count_of("saltusd_download_bytes_total"), images);
   expect_shift(folder / "out" / "displacement.mha");
 }
 

@@ -1,9 +1,8 @@
 // What the daemon tells of itself: numbers, log lines, and who has changed what.
 #include "tests/integration/server/daemon_test.h"
+#include "tests/support/scrape.h"
 
 #include <gmock/gmock.h>
-#include <netinet/in.h>
-#include <sys/socket.h>
 #include <unistd.h>
 
 #include <mutex>
@@ -13,6 +12,7 @@ namespace {
 
 using ::testing::HasSubstr;
 using testing_support::content_of;
+using testing_support::scraped;
 
 class Observed : public testing_support::DaemonTest {
  protected:
@@ -49,23 +49,6 @@ class Observed : public testing_support::DaemonTest {
   std::mutex mutex;
   std::vector<LogLine> logged;
 };
-
-std::string scraped(int port) {
-  const int descriptor = socket(AF_INET, SOCK_STREAM, 0);
-  sockaddr_in address{};
-  address.sin_family = AF_INET;
-  address.sin_port = htons(static_cast<std::uint16_t>(port));
-  address.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
-  EXPECT_EQ(connect(descriptor, reinterpret_cast<const sockaddr*>(&address), sizeof address), 0);
-  const std::string request = "GET /metrics HTTP/1.0\r\n\r\n";
-  EXPECT_EQ(write(descriptor, request.data(), request.size()), static_cast<ssize_t>(request.size()));
-  std::string answer;
-  char bytes[4096];
-  for (ssize_t count = 0; (count = read(descriptor, bytes, sizeof bytes)) > 0;)
-    answer.append(bytes, static_cast<std::size_t>(count));
-  close(descriptor);
-  return answer;
-}
 
 TEST_F(Observed, TheNumbersMoveAsTheyMust) {
   const auto first = created();

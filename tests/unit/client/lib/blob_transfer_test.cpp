@@ -4,10 +4,12 @@
 #include "proto/crc32c.h"
 #include "tests/support/fake_daemon.h"
 
+#include <algorithm>
 #include <fstream>
 #include <map>
 
 #include <sys/stat.h>
+#include <unistd.h>
 
 namespace saltus::client {
 namespace {
@@ -227,9 +229,10 @@ class GivenFileTest : public BlobTransferTest {
   GivenFileTest() {
     std::filesystem::create_directory(folder / "uploads");
     settings.blobs.uploads = folder / "uploads";
+    settings.blobs.given_as = "given-job-1-";
   }
   void give() {
-    BlobTransfer(make_channel(settings.address), settings).give(file);
+    BlobTransfer(make_channel(settings.address), settings).give(file, "0");
     EXPECT_TRUE(service.blobs.at(digest_of(data)) == data);
     EXPECT_FALSE(std::filesystem::exists(file));
     EXPECT_TRUE(std::filesystem::is_empty(folder / "uploads"));
@@ -245,6 +248,7 @@ TEST_F(GivenFileTest, IsNotSent) {
   give();
   EXPECT_EQ(service.longest_message, 0u);
   EXPECT_EQ(service.write_offsets, std::vector<std::int64_t>{2'500'000});
+  EXPECT_EQ(service.upload_ids, std::vector<std::string>{"given-job-1-0"});
 }
 
 TEST_F(GivenFileTest, IsSentToADaemonThatDoesNotSeeIt) {
@@ -375,7 +379,7 @@ class SharedBlobsTest : public BlobTransferTest {
   void download(const std::string& content, const std::filesystem::path& file, bool are_ours = false,
                 const std::stop_token& stop = {}) {
     CallSettings settings = daemon.settings();
-    settings.blobs = {folder / "blobs", {}, are_ours};
+    settings.blobs = {.folder = folder / "blobs", .are_ours = are_ours};
     settings.stop = stop;
     BlobTransfer(make_channel(settings.address), settings).download(digest_of(content), file);
   }
@@ -423,6 +427,22 @@ TEST_F(SharedBlobsTest, GoOnUnderAnotherNameWhenTheyAreOurs) {
   EXPECT_EQ(status_of(folder / "file").st_nlink, 2u);
 }
 
+// As in a folder that a group shares.
+TEST_F(SharedBlobsTest, AreCopiedWhereANewFileWouldBelongToOthers) {
+  std::vector<gid_t> groups(static_cast<std::size_t>(std::max(0, getgroups(0, nullptr))));
+  getgroups(static_cast<int>(groups.size()), groups.data());
+  if (geteuid() == 0) groups.push_back(getegid() + 1);
+  const auto other = std::find_if(groups.begin(), groups.end(), [](gid_t group) { return group != getegid(); });
+  if (other == groups.end()) GTEST_SKIP() << "this user is in one group only";
+  const std::filesystem::path out = folder / "out";
+  std::filesystem::create_directory(out);
+  ASSERT_EQ(chown(out.c_str(), static_cast<uid_t>(-1), *other), 0);
+  ASSERT_EQ(chmod(out.c_str(), 02775), 0);
+  download(data, out / "file", true);
+  EXPECT_EQ(status_of(out / "file").st_gid, *other);
+  EXPECT_TRUE(content_of(out / "file") == data);
+}
+
 TEST_F(SharedBlobsTest, TakeThePlaceOfAnOldFile) {
   for (const bool are_ours : {false, true}) {
     const auto file = folder.write("file", "old");
@@ -435,7 +455,7 @@ TEST_F(SharedBlobsTest, TakeThePlaceOfAnOldFile) {
 
 TEST_F(SharedBlobsTest, AreNotLookedForUnderWhatIsNoDigest) {
   CallSettings settings = daemon.settings();
-  settings.blobs = {folder / "blobs", {}, true};
+  settings.blobs = {.folder = folder / "blobs", .are_ours = true};
   folder.write("secret", "secret");
   std::filesystem::create_directories(folder / "blobs/..");
   BlobTransfer transfer(make_channel(settings.address), settings);

@@ -26,7 +26,7 @@ using testing_support::content_of;
 class LocalLauncherTest : public ::testing::Test {
  protected:
   LocalLauncherTest() {
-    for (const char* name : {"run", "logs"}) fs::create_directory(folder / name);
+    for (const char* name : {"run", "logs", "uploads"}) fs::create_directory(folder / name);
   }
   ~LocalLauncherTest() override { launcher.reset(); }
 
@@ -35,7 +35,8 @@ class LocalLauncherTest : public ::testing::Test {
     const fs::path program =
         folder.write("worker", "#!/bin/sh\nfolder=" + folder.path().string() + "\n" + script + "\n");
     fs::permissions(program, fs::perms::owner_all);
-    LocalLauncherSettings settings{program, "unix:/nowhere", folder / "run", folder / "logs", folder / "work"};
+    LocalLauncherSettings settings{program, "unix:/nowhere",   folder / "run", folder / "logs", folder / "work",
+                                   {},      folder / "uploads"};
     settings.thread_budget = thread_budget;
     settings.count_memory_kills = [this] { return memory_kills_now.load(); };
     launcher = std::make_unique<LocalLauncher>(settings);
@@ -196,6 +197,22 @@ TEST_F(LocalLauncherTest, TemporaryFilesAreTheDaemonsAndGoWithTheWorker) {
   EXPECT_TRUE(fs::is_empty(folder / "work"));
 }
 
+TEST_F(LocalLauncherTest, WhatAWorkerHasGivenGoesWithItUnlessTheDaemonHasTakenIt) {
+  make_pipe("ready");
+  use_script(
+      "touch $folder/uploads/given-job-1-0.5.ab.part $folder/uploads/given-job-1-1.5.cd.part; echo > $folder/ready; "
+      "exec sleep 1000");
+  for (const char* other : {"given-job-11-0.5.ab.part", "given-job-2-0.5.ab.part", "job-1-0.5.ab.part"})
+    folder.write(std::string("uploads/") + other, "x");
+  launcher->start({key, "t", 1});
+  content_of(folder / "ready");
+  launcher->kill(key);
+  exit_of(key);
+  std::set<std::string> left;
+  for (const auto& entry : fs::directory_iterator(folder / "uploads")) left.insert(entry.path().filename());
+  EXPECT_EQ(left, (std::set<std::string>{"given-job-11-0.5.ab.part", "given-job-2-0.5.ab.part", "job-1-0.5.ab.part"}));
+}
+
 TEST_F(LocalLauncherTest, ReadsNothingAndLeadsAGroupOfItsOwn) {
   use_script(
       "cat; read -r line < /proc/$$/stat; echo \"$line\" > $folder/stat; echo $OMP_WAIT_POLICY > $folder/policy");
@@ -271,6 +288,8 @@ TEST_F(LocalLauncherTest, StaleTokensAndTemporaryFilesAreRemoved) {
   folder.write("run/old-1.token", "x");
   fs::create_directories(folder / "work/old-1");
   folder.write("work/old-1/image.mha", "x");
+  for (const char* name : {"given-old-1-0.5.ab.part", "given-job-1-0.5.ab.part", "id.5.ab.part"})
+    folder.write(std::string("uploads/") + name, "x");
   launcher->start({key, "t", 1});
   content_of(folder / "ready");
   launcher->remove_stale_files();
@@ -278,6 +297,9 @@ TEST_F(LocalLauncherTest, StaleTokensAndTemporaryFilesAreRemoved) {
   EXPECT_TRUE(fs::exists(folder / "run/job-1.token"));
   EXPECT_FALSE(fs::exists(folder / "work/old-1"));
   EXPECT_TRUE(fs::exists(folder / "work/job-1"));
+  EXPECT_FALSE(fs::exists(folder / "uploads/given-old-1-0.5.ab.part"));
+  EXPECT_TRUE(fs::exists(folder / "uploads/given-job-1-0.5.ab.part"));
+  EXPECT_TRUE(fs::exists(folder / "uploads/id.5.ab.part"));
   launcher->kill(key);
   exit_of(key);
 }

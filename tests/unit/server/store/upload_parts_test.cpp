@@ -14,6 +14,7 @@
 #include <sys/stat.h>
 
 #include <cerrno>
+#include <fstream>
 #include <memory>
 
 namespace saltus::server {
@@ -383,13 +384,19 @@ TEST_F(UploadPartsTest, AnUploadThatWouldTouchTheReserveWritesNothing) {
 /// Files that a worker on this machine puts among the uploads, under a second name.
 class GivenFileTest : public UploadPartsTest {
  protected:
-  fs::path place() const {
-    return data.uploads() / ("id." + std::to_string(content.size()) + "." +
+  static constexpr const char* kId = "given-job-1-0";
+
+  std::int64_t size() const { return static_cast<std::int64_t>(content.size()); }
+  fs::path place(const std::string& id = kId) const {
+    return data.uploads() / (id + "." + std::to_string(content.size()) + "." +
                              digest_of(content).substr(std::string("sha256:").size()) + ".part");
   }
-  void put(const std::string& bytes) { fs::create_hard_link(folder.write("result", bytes), place()); }
+  void put(const std::string& bytes, const std::string& id = kId) {
+    fs::create_hard_link(folder.write("result-" + id, bytes), place(id));
+  }
+  std::string kept(const std::string& id = kId) { return testing_support::content_of(folder / ("result-" + id)); }
   void publish() {
-    auto upload = begin(static_cast<std::int64_t>(content.size()));
+    auto upload = begin(size(), kId);
     upload->seal();
     blobs->publish(*upload);
   }
@@ -397,10 +404,10 @@ class GivenFileTest : public UploadPartsTest {
 
 TEST_F(GivenFileTest, IsAnUploadOfWhichAllIsThere) {
   put(content);
-  EXPECT_EQ(committed(), static_cast<std::int64_t>(content.size()));
+  EXPECT_EQ(committed(kId), size());
   publish();
   expect_published();
-  EXPECT_EQ(testing_support::content_of(folder / "result"), content);
+  EXPECT_EQ(kept(), content);
 }
 
 TEST_F(GivenFileTest, MayComeAgainUnderTheSameName) {
@@ -412,11 +419,17 @@ TEST_F(GivenFileTest, MayComeAgainUnderTheSameName) {
   }
 }
 
-TEST_F(GivenFileTest, IsSyncedBeforeItCounts) {
+// It may be large, and whoever asks does not wait for the disk.
+TEST_F(GivenFileTest, IsSyncedWhenItIsSealedAndNotWhenSomebodyAsks) {
   put(content);
+  const int before = disk.syncs;
+  EXPECT_EQ(committed(kId), size());
+  auto upload = begin(size(), kId);
+  EXPECT_EQ(disk.syncs, before);
   disk.sync_error = EIO;
-  EXPECT_EQ(reason_of([&] { committed(); }), "STORE_UNAVAILABLE");
-  EXPECT_EQ(testing_support::content_of(folder / "result"), content);
+  EXPECT_EQ(reason_of([&] { upload->seal(); }), "STORE_UNAVAILABLE");
+  EXPECT_FALSE(blobs->holds(digest_of(content), size()));
+  EXPECT_EQ(kept(), content);
 }
 
 TEST_F(GivenFileTest, WithOtherBytesIsRefusedAndStaysWhatItIs) {
@@ -424,7 +437,7 @@ TEST_F(GivenFileTest, WithOtherBytesIsRefusedAndStaysWhatItIs) {
   other.back() ^= 1;
   put(other);
   EXPECT_EQ(reason_of([&] { publish(); }), "DIGEST_MISMATCH");
-  EXPECT_EQ(testing_support::content_of(folder / "result"), other);
+  EXPECT_EQ(kept(), other);
   EXPECT_TRUE(fs::is_empty(data.uploads()));
   put(content);
   publish();
@@ -432,22 +445,38 @@ TEST_F(GivenFileTest, WithOtherBytesIsRefusedAndStaysWhatItIs) {
 }
 
 TEST_F(GivenFileTest, ThatIsTakenAwayAgainIsNoFailureOfTheDisk) {
-  put(content);
-  restart();
-  fs::remove(place());
-  EXPECT_EQ(committed(), 0);
-  finish(*begin(), 0);
-  expect_published();
-
-  put(content);
-  restart();
-  fs::remove(place());
-  EXPECT_EQ(reason_of([&] { begin(static_cast<std::int64_t>(content.size())); }), "OFFSET_MISMATCH");
+  for (const bool was_asked_for : {false, true}) {
+    put(content);
+    if (was_asked_for) {
+      EXPECT_EQ(committed(kId), size());
+    }
+    fs::remove(place());
+    EXPECT_EQ(reason_of([&] { begin(size(), kId); }), "OFFSET_MISMATCH");
+    EXPECT_EQ(committed(kId), 0);
+    finish(*begin(0, kId), 0);
+    expect_published();
+    blobs->remove(digest_of(content));
+  }
 }
 
-TEST_F(GivenFileTest, BelongsToNobodyWhoComesFromElsewhere) {
+TEST_F(GivenFileTest, IsNeverCutOff) {
+  put(content + "more");
+  EXPECT_EQ(reason_of([&] { begin(size(), kId); }), "OFFSET_MISMATCH");
+  EXPECT_EQ(kept(), content + "more");
+  EXPECT_EQ(reason_of([&] { begin(0, kId); }), "OFFSET_MISMATCH") << "all of it is there";
+
+  // What becomes longer after it was looked at.
+  std::ofstream(folder / (std::string("result-") + kId), std::ios::app) << "and more";
+  EXPECT_EQ(reason_of([&] { begin(size() + 4, kId); }), "OFFSET_MISMATCH");
+  EXPECT_EQ(kept(), content + "moreand more");
+  EXPECT_FALSE(fs::exists(place()));
+}
+
+TEST_F(GivenFileTest, IsNotLookedForUnderOtherIdsOrOfOthers) {
+  put(content, "id");
+  EXPECT_EQ(committed("id"), 0);
   put(content);
-  UploadPlan foreign = plan();
+  UploadPlan foreign = plan(0, kId);
   foreign.owner = "somebody";
   EXPECT_EQ(blobs->committed(foreign), 0);
 }
@@ -460,6 +489,19 @@ TEST_F(GivenFileTest, OfAWorkerThatHasDiedExpires) {
   ASSERT_EQ(utimensat(AT_FDCWD, place().c_str(), times, 0), 0);
   EXPECT_EQ(blobs->expire_uploads(1h).count, 1);
   EXPECT_TRUE(fs::is_empty(data.uploads()));
+}
+
+// There is room for four that wait.
+TEST_F(GivenFileTest, ThatWereTakenAwayTakeNoRoomFromOthers) {
+  begin(0, "old")->append(std::string_view(content).substr(0, kSyncBytes));
+  for (int i = 0; i < 4; ++i) {
+    const std::string id = kId + std::to_string(i);
+    put(content, id);
+    EXPECT_EQ(committed(id), size());
+    fs::remove(place(id));
+  }
+  begin(0, "new");
+  EXPECT_EQ(committed("old"), kSyncBytes);
 }
 
 TEST_F(UploadPartsTest, ANameThatIsAPathIsRefused) {
