@@ -8,6 +8,7 @@
 #include "core/registration/pyramid_run.h"
 #include "core/slip/measure_slip.h"
 #include "core/support/errors.h"
+#include "core/support/free_memory.h"
 #include "core/support/thread_count.h"
 
 #include <algorithm>
@@ -65,6 +66,7 @@ RegistrationResult<Dim> register_images(const RegistrationInput<Dim>& input, con
     for (auto& of_kernel : jump_elements<Dim, float>(*run.scales()[s], objective.working_set().pointers(momenta)[s]))
       jumps.push_back(std::move(of_kernel));
   run.release();
+  give_back_free_memory();  // fields are larger than what has become free
   // The similarity first: what it needs for itself is gone before there are fields.
   const Field<float> backward = map_back(input, flow, velocities);
   summarise_similarity(run.pyramid().full_resolution(), options, backward, result);
