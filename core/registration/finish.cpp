@@ -216,7 +216,7 @@ void write_inverse(const RegistrationInput<Dim>& input, const Lattice<Dim>& latt
   Field<float> moved;  // from the moving image's own sites, some slabs at a time
   Lattice<Dim> some = moving_lattice;
   for (int begin = 0; begin < moving_lattice.size[Dim - 1]; begin += some.size[Dim - 1]) {
-    some.size[Dim - 1] = std::min(kSlabsAtOnce, moving_lattice.size[Dim - 1] - begin);
+    some.size[Dim - 1] = std::min(kSlabsAtOnce<Dim>, moving_lattice.size[Dim - 1] - begin);
     some.offset[Dim - 1] = moving_lattice.offset[Dim - 1] + begin * moving_lattice.spacing[Dim - 1];
     moved.resize(Dim * some.sites());
 #pragma omp parallel for schedule(static)

@@ -4,6 +4,8 @@
 #include "core/registration/matching_objective.h"
 #include "core/registration/register_images.h"
 
+#include <limits>
+
 namespace saltus {
 
 /// Continuous index of the moving image at frame point p (mm along the fixed grid's axes from its voxel 0), after the
@@ -25,8 +27,11 @@ void write_fields(const RegistrationInput<Dim>& input, const Lattice<Dim>& latti
                   const std::vector<Field<float>>& velocities, const Field<float>& backward,
                   RegistrationResult<Dim>& result);
 
-/// While the inverse is followed, so many slabs of the moving image's last axis are on their way at the same time.
-constexpr int kSlabsAtOnce = 32;
+/// While the inverse is followed, so many slabs of the moving image's last axis are on their way at the same time: in
+/// 3-D some, which hold little and are enough for many threads; the same for any number of these, so that all give the
+/// same bits.
+template <int Dim>
+constexpr int kSlabsAtOnce = Dim == 3 ? 64 : std::numeric_limits<int>::max();
 
 /// Fills the initial momenta and the share of active first-order sites; `momenta` are those of the scales.
 template <int Dim>

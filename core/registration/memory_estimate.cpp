@@ -239,7 +239,7 @@ std::size_t memory_estimate(const ImageGrid<Dim>& fixed, const ImageGrid<Dim>& m
       full * (6 + similarity_scratch(options.similarity, Dim)) * kScalar + full_moving * 3 * kScalar;
   const double fields = full * (kVector<Dim> + 2 * kScalar) + full_moving * kVector<Dim>;
   const double under_way =
-      full_moving * (kVector<Dim> * std::min(1.0, 1.0 * kSlabsAtOnce / moving.size[Dim - 1]) + kScalar);
+      full_moving * (kVector<Dim> * std::min(1.0, 1.0 * kSlabsAtOnce<Dim> / moving.size[Dim - 1]) + kScalar);
   const double slip = has_first ? sites_of(options.momenta.first_order_finest_scale) * 2 * Dim * kVector<Dim> : 0;
   const double end = full * kVector<Dim> + std::max(similarity, fields + std::max(under_way, slip)) +
                      flow * most_nodes(options) * kVector<Dim> + kept;

@@ -178,6 +178,7 @@ std::shared_ptr<UploadPart> UploadParts::part_of(const UploadPlan& plan) {
     part = std::make_shared<UploadPart>();
     part->file = folder_ / name;
     part->is_kept = true;
+    part->is_given = name.starts_with(kGivenId);
     part->touched = clock_.wall();
   }
   return part;
@@ -274,7 +275,10 @@ std::unique_ptr<BlobUpload> UploadParts::begin(const UploadPlan& plan) {
     if (part->is_gone) continue;  // published or removed meanwhile
     learn_committed(*part);
     if (part->is_gone) continue;
-    if (plan.offset != *part->committed) throw offset_mismatch(plan, *part->committed);
+    if (plan.offset != *part->committed) {
+      if (is_missing(*part)) part->is_gone = true;  // nobody has written to it, and now nobody will
+      throw offset_mismatch(plan, *part->committed);
+    }
     const int how = O_RDWR | O_CLOEXEC | (plan.offset == 0 ? O_CREAT : 0);
     FileDescriptor descriptor(::open(part->file.c_str(), how, 0600));
     struct stat status {};
@@ -344,6 +348,7 @@ BlobStore::Leftovers UploadParts::expire(std::chrono::milliseconds age) {
   const WallTime before = clock_.wall() - age;
   for (const auto& part : parts) {
     const std::lock_guard lock(part->mutex);
+    if (part->is_given && !part->is_held && is_missing(*part)) part->is_gone = true;
     if (part->is_gone || part->is_held || part->touched > before) continue;
     SALTUS_FAILPOINT("expire.before");
     removed.bytes += remove(*part);
@@ -362,7 +367,8 @@ int UploadParts::count() {
   int count = 0;
   for (const auto& part : parts) {
     const std::lock_guard lock(part->mutex);
-    count += part->is_gone ? 0 : 1;
+    const bool was_taken_away = part->is_given && !part->is_held && is_missing(*part);
+    count += part->is_gone || was_taken_away ? 0 : 1;
   }
   return count;
 }

@@ -40,7 +40,7 @@ struct UploadPart {
 ///
 /// A worker on this machine may put a file there itself, under an id that begins with `kGivenId`: an upload of which
 /// all bytes that it has are there. It keeps the file under its own name too until the blob is stored, so these bytes
-/// are synced when the upload is sealed and not before somebody is told of them: a question waits for no disk. The
+/// are synced when the upload is sealed, and not before somebody is told of them, who would wait for the disk. The
 /// worker takes the name here away again if it likes.
 ///
 /// Only bytes that were synced count as committed; what else a stream that was cut has written is cut off when another

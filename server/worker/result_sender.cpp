@@ -1,5 +1,7 @@
 #include "server/worker/result_sender.h"
 
+#include "client/lib/client_error.h"
+
 #include <atomic>
 #include <exception>
 #include <mutex>
@@ -18,7 +20,9 @@ std::vector<v1::Artifact> send_results(const std::vector<std::string>& names, co
   std::exception_ptr first_failure;
   const auto work = [&] {
     try {
-      for (std::size_t i = next++; i < names.size() && !both.stop_requested(); i = next++) {
+      for (std::size_t i = next++; i < names.size(); i = next++) {
+        if (both.stop_requested())
+          throw client::ClientError(grpc::StatusCode::CANCELLED, "STOPPED", "stopped before all results were sent");
         const client::FileDigest sent = send(i, both.get_token());
         artifacts[i].set_name(names[i]);
         artifacts[i].set_digest(sent.digest);

@@ -17,7 +17,8 @@ using SendOne = std::function<client::FileDigest(std::size_t index, const std::s
 
 /// Sends results of these names, two at a time: while one waits for the daemon, the other is read and digested. The
 /// artifacts are in the order of the names. When one cannot be sent, the other is stopped, and what is thrown is the
-/// first reason. One at a time where there can be no other thread.
+/// first reason; ClientError CANCELLED when stop is requested before all are sent. One at a time where there can be no
+/// other thread.
 std::vector<v1::Artifact> send_results(const std::vector<std::string>& names, const SendOne& send,
                                        const std::stop_token& stop);
 

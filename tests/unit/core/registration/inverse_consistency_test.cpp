@@ -81,6 +81,14 @@ TEST(InverseConsistency, OfASmallThorax) {
   expect_consistent<3>(scene, Model::Sliding, 3);
 }
 
+// More planes than are on their way at the same time.
+TEST(InverseConsistency, OfATallThorax) {
+  PhantomOptions scene = default_phantom_options(PhantomKind::Thorax);
+  scene.size = {24, 20, 72};
+  scene.spacing = {12, 11, 4};
+  expect_consistent<3>(scene, Model::Gaussian, 3);
+}
+
 // Oracle: the same bits. Rows of 35 voxels: two pieces of 16 and a rest.
 TEST(InverseConsistency, DoesNotDependOnTheNumberOfThreads) {
   const testing::ManyThreads many;

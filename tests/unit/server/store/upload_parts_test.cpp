@@ -491,9 +491,28 @@ TEST_F(GivenFileTest, OfAWorkerThatHasDiedExpires) {
   EXPECT_TRUE(fs::is_empty(data.uploads()));
 }
 
+TEST_F(GivenFileTest, MayComeAgainAfterItWasAskedForInVain) {
+  EXPECT_EQ(reason_of([&] { begin(size(), kId); }), "OFFSET_MISMATCH");
+  put(content);
+  EXPECT_EQ(committed(kId), size());
+  publish();
+  expect_published();
+}
+
+TEST_F(GivenFileTest, ThatAreGoneAreNotCounted) {
+  put(content);
+  put(content, "given-job-2-0");
+  restart();
+  fs::remove(place());
+  EXPECT_EQ(blobs->uploads_left(), 1);
+  fs::remove(place("given-job-2-0"));
+  EXPECT_EQ(blobs->uploads_left(), 0);
+}
+
 // There is room for four that wait.
 TEST_F(GivenFileTest, ThatWereTakenAwayTakeNoRoomFromOthers) {
   begin(0, "old")->append(std::string_view(content).substr(0, kSyncBytes));
+  clock.advance(1ms);  // so that it is the oldest
   for (int i = 0; i < 4; ++i) {
     const std::string id = kId + std::to_string(i);
     put(content, id);

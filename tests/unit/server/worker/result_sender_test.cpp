@@ -1,7 +1,10 @@
 #include "server/worker/result_sender.h"
 
+#include "client/lib/client_error.h"
+
 #include <gtest/gtest.h>
 
+#include <atomic>
 #include <barrier>
 #include <condition_variable>
 #include <mutex>
@@ -89,6 +92,43 @@ TEST(SendResults, StopsWhenAsked) {
                    },
                    source.get_token()),
                std::runtime_error);
+}
+
+// Not with what has been sent until then, as if that were all.
+TEST(SendResults, StopsWhereNoneIsOnItsWay) {
+  for (const int before : {0, 2}) {
+    std::stop_source source;
+    if (before == 0) source.request_stop();
+    std::atomic<int> sent = 0;
+    try {
+      send_results(
+          kNames,
+          [&](std::size_t index, const std::stop_token&) {
+            if (++sent == before) source.request_stop();
+            return sent_as(index);
+          },
+          source.get_token());
+      ADD_FAILURE() << "nothing was thrown";
+    } catch (const client::ClientError& error) {
+      EXPECT_EQ(error.code(), grpc::StatusCode::CANCELLED);
+    }
+    EXPECT_LE(sent, before + 1);
+  }
+}
+
+// All are there, so nothing was stopped.
+TEST(SendResults, AStopAfterTheLastIsTooLate) {
+  std::stop_source source;
+  const std::vector<std::string> one = {"a"};
+  const auto artifacts = send_results(
+      one,
+      [&](std::size_t index, const std::stop_token&) {
+        source.request_stop();
+        return sent_as(index);
+      },
+      source.get_token());
+  ASSERT_EQ(artifacts.size(), 1u);
+  EXPECT_EQ(artifacts[0].name(), "a");
 }
 
 TEST(SendResults, OfNothingAreNone) {
