@@ -77,7 +77,7 @@ forbid(core EXCEPT core/drawing INCLUDES "\"core/drawing/")
 allow(core/drawing ONLY ${numerics} "<png[.]h>" "<zlib[.]h>" "\"core/(support|grid|evaluation|drawing)/")
 
 # Inside core: grid, kernels -> momenta -> flow; grid -> similarity; optimisation knows none; registration joins.
-allow(core/support ONLY ${numerics} "<sched[.]h>" "\"core/support/")
+allow(core/support ONLY ${numerics} "<sched[.]h>" "<malloc[.]h>" "\"core/support/")
 allow(core/grid ONLY ${numerics} "\"core/(support|grid)/")
 allow(core/kernels ONLY ${numerics} "\"core/(support|grid|kernels)/")
 allow(core/momenta ONLY ${numerics} "\"core/(support|grid|kernels|momenta)/")
