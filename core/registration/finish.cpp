@@ -211,7 +211,6 @@ void write_inverse(const RegistrationInput<Dim>& input, const Lattice<Dim>& latt
   for (int c = 0; c < Dim; ++c) inverse_displacement[c] = result.inverse_displacement.component(c);
   const Undoing<Dim> undoing(lattice_of(fixed), backward);
   std::vector<float> consistency(moving_lattice.sites());
-  const auto all = BlockMask<Dim>::all(moving_lattice);
   const std::size_t sites_of_slab = moving_lattice.sites() / static_cast<std::size_t>(moving_lattice.size[Dim - 1]);
   Field<float> moved;  // from the moving image's own sites, some slabs at a time
   Lattice<Dim> some = moving_lattice;
@@ -228,39 +227,40 @@ void write_inverse(const RegistrationInput<Dim>& input, const Lattice<Dim>& latt
       });
     move_forward<Dim, float>(some, lattice, velocities, moved);
     const std::size_t first_site = static_cast<std::size_t>(begin) * sites_of_slab;
+    const auto all = BlockMask<Dim>::all(some);
 #pragma omp parallel for schedule(static)
-    for (int slab = begin; slab < begin + some.size[Dim - 1]; ++slab)
-      all.visit_pieces(
-          moving_lattice, slab, Undoing<Dim>::kLanes, [&](const Index<Dim>& index, std::size_t site, int count) {
-            const Vector<Dim> first = start(index), first_back = back_at_start(index);
-            LanePoints<Dim, float> apart{};
-            Vector<Dim> from_site = start_from_site(index);
-            for (int lane = 0; lane < count; ++lane, from_site += start_from_site.step())
-              for (int c = 0; c < Dim; ++c)
-                apart[c][lane] = static_cast<float>(
-                    moved[Dim * (site - first_site + static_cast<std::size_t>(lane)) + c] - from_site[c]);
-            typename Undoing<Dim>::Lanes square;
-            undoing.of_row(first, start.step(), count, apart, square);
-            for (int lane = 0; lane < count; ++lane) {
-              Undone<Dim> found{{}, {}, square[lane]};
-              Vector<Dim> way;
-              for (int c = 0; c < Dim; ++c) way[c] = apart[c][lane];
-              if (!undoing.is_close(found)) {
-                const Vector<Dim> y = first + lane * start.step();
-                found = undoing.of(y, y + way);
-                // Where that finds no way, across a fold or a jump, the flow is undone step by step first.
-                if (!undoing.is_close(found)) {
-                  const Undone<Dim> other = undoing.of(y, forward_point<Dim, float>(lattice, velocities, y));
-                  if (other.square < found.square) found = other;
-                }
-                way = found.at - y;
-              }
-              const Vector<Dim> back = first_back + lane * back_at_start.step() + fixed.direction * way;
-              for (int c = 0; c < Dim; ++c)
-                inverse_displacement[c][site + static_cast<std::size_t>(lane)] = static_cast<float>(back[c]);
-              consistency[site + static_cast<std::size_t>(lane)] = static_cast<float>(std::sqrt(found.square));
+    for (int slab = 0; slab < some.size[Dim - 1]; ++slab)
+      all.visit_pieces(some, slab, Undoing<Dim>::kLanes, [&](Index<Dim> index, std::size_t site, int count) {
+        index[Dim - 1] += begin;
+        const Vector<Dim> first = start(index), first_back = back_at_start(index);
+        LanePoints<Dim, float> apart{};
+        Vector<Dim> from_site = start_from_site(index);
+        for (int lane = 0; lane < count; ++lane, from_site += start_from_site.step())
+          for (int c = 0; c < Dim; ++c)
+            apart[c][lane] =
+                static_cast<float>(moved[Dim * (site + static_cast<std::size_t>(lane)) + c] - from_site[c]);
+        typename Undoing<Dim>::Lanes square;
+        undoing.of_row(first, start.step(), count, apart, square);
+        for (int lane = 0; lane < count; ++lane) {
+          Undone<Dim> found{{}, {}, square[lane]};
+          Vector<Dim> way;
+          for (int c = 0; c < Dim; ++c) way[c] = apart[c][lane];
+          if (!undoing.is_close(found)) {
+            const Vector<Dim> y = first + lane * start.step();
+            found = undoing.of(y, y + way);
+            // Where that finds no way, across a fold or a jump, the flow is undone step by step first.
+            if (!undoing.is_close(found)) {
+              const Undone<Dim> other = undoing.of(y, forward_point<Dim, float>(lattice, velocities, y));
+              if (other.square < found.square) found = other;
             }
-          });
+            way = found.at - y;
+          }
+          const Vector<Dim> back = first_back + lane * back_at_start.step() + fixed.direction * way;
+          for (int c = 0; c < Dim; ++c)
+            inverse_displacement[c][first_site + site + static_cast<std::size_t>(lane)] = static_cast<float>(back[c]);
+          consistency[first_site + site + static_cast<std::size_t>(lane)] = static_cast<float>(std::sqrt(found.square));
+        }
+      });
   }
   result.summary.inverse_consistency_mm = ranking_of(consistency.size(), consistency.data()).at(consistency.size() / 2);
 }

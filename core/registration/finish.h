@@ -28,8 +28,7 @@ void write_fields(const RegistrationInput<Dim>& input, const Lattice<Dim>& latti
                   RegistrationResult<Dim>& result);
 
 /// While the inverse is followed, so many slabs of the moving image's last axis are on their way at the same time: in
-/// 3-D some, which hold little and are enough for many threads; the same for any number of these, so that all give the
-/// same bits.
+/// 3-D some, so that they hold little; as many for any number of threads, so that all give the same bits.
 template <int Dim>
 constexpr int kSlabsAtOnce = Dim == 3 ? 64 : std::numeric_limits<int>::max();
 

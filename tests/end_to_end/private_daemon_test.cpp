@@ -1,6 +1,10 @@
 #include "client/cli/private_daemon.h"
 
+#include "client/cli/job_options.h"
+#include "client/cli/registrar.h"
 #include "client/lib/registration_client.h"
+#include "core/image_io/write_image.h"
+#include "tests/support/blob_pair.h"
 #include "tests/support/temporary_folder.h"
 
 #include <gtest/gtest.h>
@@ -66,6 +70,26 @@ TEST_F(PrivateDaemonTest, MakesABlobOfAFileThatLiesAmongItsUploads) {
   EXPECT_TRUE(fs::equivalent(kept, daemon.blobs() / hex.substr(0, 2) / hex.substr(2))) << "it was sent";
   transfer.download(given.digest, folder / "fetched");
   EXPECT_EQ(testing_support::content_of(folder / "fetched"), "bytes");
+}
+
+// A list goes on with its daemon, whose files would be those of results that somebody may be working with.
+TEST_F(PrivateDaemonTest, ResultsAreTheDaemonsOwnFilesOnlyWhereThereIsOnePair) {
+  write_volume(folder / "fixed.mha", testing_support::blob_scene(48, 0));
+  write_volume(folder / "moving.mha", testing_support::blob_scene(48, 3));
+  JobOptions options;
+  options.fixed = folder / "fixed.mha";
+  options.moving = folder / "moving.mha";
+  options.similarity = "ssd";
+  options.preset = "fast";
+  options.format = "mha";
+  options.threads = 1;
+  for (const bool is_one_pair : {true, false}) {
+    Registrar registrar({}, {.jobs = 1, .threads = 1, .is_one_pair = is_one_pair});
+    const fs::path out = folder / (is_one_pair ? "one" : "several");
+    const auto job = registrar.run(options, make_spec(options), out, [](const v1::RegistrationJob&) {});
+    ASSERT_EQ(job.state(), v1::JOB_STATE_SUCCEEDED);
+    EXPECT_EQ(fs::hard_link_count(out / "displacement.mha"), is_one_pair ? 2u : 1u);
+  }
 }
 
 }  // namespace
