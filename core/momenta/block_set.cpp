@@ -108,17 +108,20 @@ void BlockSet<Dim>::gather_from(const BlockSet& from, int channels, const T* the
 
 template <int Dim>
 template <class T>
-void BlockSet<Dim>::mark_nonzero(int channels, const T* compact, std::vector<char>& found) const {
+void BlockSet<Dim>::mark_nonzero(const T* compact, std::vector<char>& found) const {
+  // Of all values at once, which is quicker than to stop at one, the more so where their number is compiled in.
+  const auto has_any = [](const T* values, std::size_t count) __attribute__((always_inline)) {
+    char any = 0;
+    for (std::size_t i = 0; i < count; ++i) any |= static_cast<char>(values[i] != 0);
+    return any;
+  };
   for (const Run& run : runs_) {
     if (!std::memchr(found.data() + run.block, 0, (run.count + kEdge - 1) / kEdge)) continue;
     for (std::size_t i = 0; i < run.count; i += kEdge) {
       char& mark = found[run.block + i / kEdge];
       if (mark) continue;
-      const T* begin = compact + channels * (run.at + i);
-      const T* end = compact + channels * (run.at + std::min<std::size_t>(i + kEdge, run.count));
-      char any = 0;  // of all values at once, which is quicker than to stop at one
-      for (const T* value = begin; value < end; ++value) any |= static_cast<char>(*value != 0);
-      mark = any;
+      const T* values = compact + Dim * (run.at + i);
+      mark = i + kEdge <= run.count ? has_any(values, Dim * kEdge) : has_any(values, Dim * (run.count - i));
     }
   }
 }
@@ -132,7 +135,7 @@ template class BlockSet<3>;
   template void BlockSet<DIM>::scatter_within(int, const T*, T*) const
 #define SALTUS_INSTANTIATE_COMPACT(DIM, T)                                            \
   template void BlockSet<DIM>::gather_from(const BlockSet&, int, const T*, T*) const; \
-  template void BlockSet<DIM>::mark_nonzero(int, const T*, std::vector<char>&) const
+  template void BlockSet<DIM>::mark_nonzero(const T*, std::vector<char>&) const
 SALTUS_INSTANTIATE(2, float);
 SALTUS_INSTANTIATE(3, float);
 SALTUS_INSTANTIATE(2, double);

@@ -45,9 +45,10 @@ class BlockSet {
   /// compact of `from` -> compact of this set, of the same lattice; sites that `from` does not have become 0.
   template <class T>
   void gather_from(const BlockSet& from, int channels, const T* theirs, T* compact) const;
-  /// Sets found[block] of each active block in which the compact field has a value that is not 0; leaves the others.
+  /// Sets found[block] of each active block in which the compact field of vectors has a value that is not 0; leaves the
+  /// others.
   template <class T>
-  void mark_nonzero(int channels, const T* compact, std::vector<char>& found) const;
+  void mark_nonzero(const T* compact, std::vector<char>& found) const;
 
   /// Calls visit(index, site) for the sites of active blocks in one slab of the last axis, in their order.
   template <class Visit>

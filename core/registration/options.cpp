@@ -149,11 +149,11 @@ RegistrationOptions default_options(Model model, SimilarityType similarity, Pres
     o.momenta.full_contrast = 0.04;
   }
   if (similarity == SimilarityType::Ssd && o.momenta.first_order_scales > 0)
-    o.optimisation.round_tolerance = model == Model::Auto ? 0.07 : 0.1;
+    o.optimisation.round_tolerance = model == Model::Auto ? 0.08 : 0.1;
   if (similarity != SimilarityType::Ssd) {
     // A short run loses nothing on the liver images (core/measurements.md, "Stopping").
     o.optimisation.tolerance = preset == Preset::Fast ? 5e-2 : preset == Preset::Balanced ? 2.5e-2 : 5e-3;
-    o.momenta.first_order_waits = is_sliding;
+    o.momenta.first_order_waits = o.optimisation.keep_pairs = is_sliding;
     if (is_sliding && similarity == SimilarityType::Lncc) o.optimisation.noise_tolerance = 0.1;
     if (is_sliding && is_correlation) {
       o.momenta.reweighted_rounds = 1;
@@ -176,6 +176,7 @@ RegistrationOptions default_options(Model model, SimilarityType similarity, Pres
     }
     // Of ncc and mi, which are statistics of all that is compared, it would change the weight.
     if (similarity != SimilarityType::Ncc && similarity != SimilarityType::Mi) o.pyramid.region_margin = 4;
+    o.optimisation.keep_pairs = true;
     o.flow.map_tolerance = preset == Preset::Fast ? 1 : preset == Preset::Balanced ? 0.4 : 0.2;
     // What first orders that are left out would have gone on to fit; order 0 alone is cheap (core/measurements.md,
     // "Stopping").

@@ -68,8 +68,8 @@ struct RegistrationOptions {
     double sparsity_noise = 0;  ///< lambda is `sparsity` times 1 + (noise of the finest level's images) / this; 0: it
                                 ///< does not follow the noise
     double full_contrast = 0;   ///< of rms_gradient, intensity range a voxel of the finest level: with ssd, where an
-                                ///< image has less, lambda, regularisation_beside_first, round_tolerance and what is
-                                ///< measured of oriented_width are less; 0: they are not
+                                ///< image has less, lambda, regularisation_beside_first and what is measured of
+                                ///< oriented_width are less, and tolerances others; 0: they are not
     int sparsity_path = 1;  ///< weights lambda 2^(n-1), ..., lambda that a level is solved with, one after the other;
                             ///< none where a coarser one found first orders and reweighted_rounds follow
     /// lambda of the rounds with even weights that reweighted ones follow, as a multiple: they are there to show where
@@ -125,9 +125,15 @@ struct RegistrationOptions {
     int max_iterations = 60;  ///< in each round of a level
     double tolerance = 1e-3;  ///< a level ends when five iterations give less than this share of its total decrease
     /// The same of a round with first orders that another one follows, where larger: it is there for the weights that
-    /// the next one is made with. Follows the contrast as lambda does (full_contrast). -1: what suits model,
-    /// similarity, preset and dimension (core/measurements.md, "Sparsity").
+    /// the next one is made with. Without `keep_pairs` it follows the contrast as lambda does (full_contrast). -1: what
+    /// suits model, similarity, preset and dimension (core/measurements.md, "Sparsity").
     double round_tolerance = 0;
+    /// The same of a level's first round where a coarser level has found first orders, which do not wait. -1:
+    /// round_tolerance, which follows the contrast here, with `keep_pairs` down to `tolerance` over its root.
+    double first_round_tolerance = -1;
+    /// A round whose objective is that of the round before but for the weights of its sparsity begins with the pairs
+    /// that L-BFGS has.
+    bool keep_pairs = false;
     /// The same of a round of order 0 alone, where smaller than `tolerance`: one whose velocity is then asked whether
     /// something slides, or on a level without first orders; 0: `tolerance`.
     double look_tolerance = 0;
@@ -135,7 +141,7 @@ struct RegistrationOptions {
     /// A round without first orders ends when the square of the residual is at most this share of what the images'
     /// noise alone makes of it; 0: does not.
     double noise_tolerance = 0;
-    /// Pairs kept by L-BFGS; 0: 4 in 3-D (`Wendland1` 2), and in 2-D 6, of `sliding` and `auto` with ssd 20, as
+    /// Pairs kept by L-BFGS; 0: 4 in 3-D (`Wendland1` 2), and in 2-D 6, with ssd of `sliding` 20 and of `auto` 32, as
     /// measured (core/measurements.md, "Pairs of L-BFGS").
     int history = 0;
   } optimisation;

@@ -290,9 +290,9 @@ const std::vector<Parameter>& parameters() {
       real(
           "full_contrast", "intensity range", 0, Lower::Inclusive, inf,
           "with ssd: where the fixed image's root mean square gradient over a voxel of the finest level is a share of "
-          "this, sparsity and round_tolerance count its square, order 0 beside first orders that share, and so does "
-          "oriented_width where none is given, the less the more noise there is; a quarter at least; 0: they do not "
-          "follow it",
+          "this, sparsity counts its square, order 0 beside first orders that share, and so does oriented_width where "
+          "none is given, the less the more noise there is; a quarter at least; rounds go on for longer, see "
+          "first_round_tolerance; 0: they do not follow it",
           [](O & o) -> auto& { return o.momenta.full_contrast; }),
       integer(
           "sparsity_path", "", 1, 12,
@@ -446,10 +446,21 @@ const std::vector<Parameter>& parameters() {
           [](O & o) -> auto& { return o.optimisation.tolerance; }),
       real(
           "round_tolerance", "", -1, Lower::Inclusive, 1,
-          "the same of a round with first-order momenta that another one follows, where larger than tolerance; follows "
-          "the contrast, see full_contrast; -1 (and nothing else below 0): what suits model, similarity, preset and "
-          "dimension",
+          "the same of a round with first-order momenta that another one follows, where larger than tolerance; without "
+          "keep_pairs it counts the square of the contrast, see full_contrast; -1 (and nothing else below 0): what "
+          "suits model, similarity, preset and dimension",
           [](O & o) -> auto& { return o.optimisation.round_tolerance; }),
+      real(
+          "first_round_tolerance", "", -1, Lower::Inclusive, 1,
+          "the same of the first round of a level where a coarser one has found first orders, which do not wait; -1 "
+          "(and nothing else below 0): round_tolerance times the square of the contrast, see full_contrast, but with "
+          "keep_pairs no less than tolerance over its root",
+          [](O & o) -> auto& { return o.optimisation.first_round_tolerance; }),
+      boolean(
+          "keep_pairs",
+          "a round that differs from the one before by the weights of its sparsity begins with the pairs that L-BFGS "
+          "has",
+          [](O & o) -> auto& { return o.optimisation.keep_pairs; }),
       real(
           "look_tolerance", "", 0, Lower::Inclusive, 1,
           "the same of a round of order 0 alone: before it is asked whether something slides, or on a level without "
@@ -466,7 +477,7 @@ const std::vector<Parameter>& parameters() {
           [](O & o) -> auto& { return o.optimisation.noise_tolerance; }),
       integer(
           "history", "", 0, 50,
-          "pairs that L-BFGS keeps; 0: 4 in 3-D (`wendland1` 2), 6 in 2-D, there with ssd and `sliding` or `auto` 20",
+          "pairs that L-BFGS keeps; 0: 4 in 3-D (`wendland1` 2), 6 in 2-D, there with ssd and `sliding` 20, `auto` 32",
           [](O & o) -> auto& { return o.optimisation.history; }),
   };
   return table;
@@ -521,11 +532,13 @@ std::vector<std::string> problems(const RegistrationOptions& options) {
   if (plain > 0 && shear == 0)
     found.push_back("parameter plain_shear is " + format(plain) +
                     " and first_order_shear is 0, with which nothing is asked of order 0; set it to 0");
-  const std::pair<const char*, double> measured[] = {{"oblique_share", options.momenta.oblique_share},
-                                                     {"narrow_width_shear", options.momenta.narrow_width_shear},
-                                                     {"divergence_weight", options.flow.divergence_weight},
-                                                     {"plain_shear", options.momenta.plain_shear},
-                                                     {"round_tolerance", options.optimisation.round_tolerance}};
+  const std::pair<const char*, double> measured[] = {
+      {"oblique_share", options.momenta.oblique_share},
+      {"narrow_width_shear", options.momenta.narrow_width_shear},
+      {"divergence_weight", options.flow.divergence_weight},
+      {"plain_shear", options.momenta.plain_shear},
+      {"round_tolerance", options.optimisation.round_tolerance},
+      {"first_round_tolerance", options.optimisation.first_round_tolerance}};
   for (const auto& [name, value] : measured)
     if (value > -1 && value < 0)
       found.push_back("parameter " + std::string(name) + " is " + format(value) +

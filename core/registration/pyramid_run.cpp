@@ -275,10 +275,9 @@ void PyramidRun<Dim>::begin_round(std::size_t round) {
   objective_->weigh(rounds_[round], momenta);
   level_.oblique_share = objective_->working_set().oblique_share();
   // Other weights change the sparsity term alone, and elements turn a little at most: what is known of the smooth
-  // part's curvature remains a good model. Not one that has just found no way down; nor where first orders have to find
-  // all of the motion (ssd), which opens slowly: a round that begins so ends too soon.
+  // part's curvature remains a good model. Not one that has just found no way down.
   const bool is_known = !is_new && round > 0 && rounds_[round - 1].lets_blocks_join &&
-                        options_.momenta.first_order_waits && level_.termination != Termination::LineSearchFailed;
+                        options_.optimisation.keep_pairs && level_.termination != Termination::LineSearchFailed;
   std::deque<CurvaturePair<Scalar>> pairs = std::move(reached_.minimiser.pairs);
   reached_.minimiser = MinimiserState<Scalar>(std::move(momenta));
   if (is_known) reached_.minimiser.pairs = std::move(pairs);
@@ -292,7 +291,8 @@ void PyramidRun<Dim>::minimise_round(std::size_t round) {
   const RegistrationOptions::Optimisation& optimisation = options_.optimisation;
   how_.tolerance = optimisation.tolerance;
   if (round + 1 < rounds_.size() && rounds_[round].lets_blocks_join)
-    how_.tolerance = std::max(how_.tolerance, optimisation.round_tolerance);
+    how_.tolerance = std::max(
+        how_.tolerance, round == 0 && has_found() ? optimisation.first_round_tolerance : optimisation.round_tolerance);
   // Order 0 that is about to be asked whether something slides, or that is all that the level has.
   else if (round == 0 && (decides_ || !has_first_) && optimisation.look_tolerance > 0)
     how_.tolerance = std::min(how_.tolerance, optimisation.look_tolerance);

@@ -79,8 +79,8 @@ double usual_round_tolerance(int dimension, SimilarityType similarity) {
 int usual_history(int dimension, Model model, SimilarityType similarity) {
   // Where every site has first orders a pair takes more than a third of what images and map do; two are as good.
   if (dimension == 3) return model == Model::Wendland1 ? 2 : 4;
-  const bool is_sliding = model == Model::Sliding || model == Model::Auto;
-  return is_sliding && similarity == SimilarityType::Ssd ? 20 : 6;
+  if (similarity != SimilarityType::Ssd) return 6;
+  return model == Model::Auto ? 32 : model == Model::Sliding ? 20 : 6;  // those of auto outlive a round
 }
 
 /// Elements of a kernel that is narrow along the normal leave nothing beside an interface that order 0 would have to
@@ -235,8 +235,13 @@ void follow_contrast(double contrast, double noise, RegistrationOptions& o) {
   if (o.momenta.oriented_alone < 0) o.momenta.oriented_alone = 0;
   const double counted = std::max(there_is, kLeastCounted);
   o.momenta.sparsity = in_few_digits(o.momenta.sparsity * share(counted * counted));
-  // So much less of the energy is the motion's.
-  o.optimisation.round_tolerance = in_few_digits(o.optimisation.round_tolerance * share(counted * counted));
+  // So much less of the energy is the motion's. Rounds that have pairs to begin with may end as early as elsewhere; the
+  // first one of a level has none.
+  RegistrationOptions::Optimisation& how = o.optimisation;
+  const double of_motion = in_few_digits(how.round_tolerance * share(counted * counted));
+  const double at_the_start = std::max(of_motion, in_few_digits(how.tolerance / std::sqrt(share(counted))));
+  if (how.first_round_tolerance < 0) how.first_round_tolerance = how.keep_pairs ? at_the_start : of_motion;
+  if (!how.keep_pairs) how.round_tolerance = of_motion;
   if (o.momenta.regularisation_beside_first == 0)
     o.momenta.regularisation_beside_first = in_few_digits(o.momenta.regularisation * share(counted));
   // Order 0 that is held so little fills what is beside an interface by itself.
@@ -260,6 +265,7 @@ RegistrationOptions resolved(const RegistrationOptions& options, const Lattice<D
   const double noise = noise_of_level(traits.noise, image, level_lattice(image, o.pyramid.finest_level));
   follow_noise<Dim>(noise, o);
   follow_contrast(traits.contrast, noise, o);
+  if (o.optimisation.first_round_tolerance < 0) o.optimisation.first_round_tolerance = o.optimisation.round_tolerance;
   if (o.momenta.oriented_width == 0) o.momenta.oriented_width = 1;
   if (o.momenta.oriented_alone < 0) o.momenta.oriented_alone = 1;
   if (o.model == Model::Auto && o.similarity == SimilarityType::Lncc && o.preset != Preset::Fast &&

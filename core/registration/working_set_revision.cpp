@@ -166,8 +166,8 @@ bool WorkingSet<Dim, T>::wanted_blocks(MinimiserState<T>& state, std::vector<std
       const BlockSet<Dim>& blocks = blocks_[r];
       std::vector<char>& needed = wanted[r];
       needed.assign(blocks.blocks(), range.weight == 0);
-      blocks.mark_nonzero(Dim, state.x.data() + range.begin, needed);
-      for (const CurvaturePair<T>& pair : state.pairs) blocks.mark_nonzero(Dim, pair.s.data() + range.begin, needed);
+      blocks.mark_nonzero(state.x.data() + range.begin, needed);
+      for (const CurvaturePair<T>& pair : state.pairs) blocks.mark_nonzero(pair.s.data() + range.begin, needed);
       const T* gradient = gradient_at_all_sites(s, state.gradient) + field * scales_[s]->field_size();
       const std::size_t count = needed.size();
       std::vector<char> is_active(count, 0);

@@ -115,7 +115,7 @@ TEST(BlockSet, MarksBlocksThatHoldSomething) {
   set.gather(2, dense.data(), compact.data());
   std::vector<char> found(set.blocks(), 0);
   found[0] = 1;
-  set.mark_nonzero(2, compact.data(), found);
+  set.mark_nonzero(compact.data(), found);
   EXPECT_EQ(found, (std::vector<char>{1, 0, 1, 0, 0, 0, 0, 0, 0, 0, 0, 1}));
 }
 

@@ -26,7 +26,9 @@ TEST(AutoChoices, ChoosesWhatDependsOnSimilarityAndDimension) {
         EXPECT_EQ(deep.flow.divergence_weight, options.flow.divergence_weight);
       }
       const bool is_sliding = model == Model::Auto || model == Model::Sliding;
-      EXPECT_EQ(flat.optimisation.history, is_sliding && similarity == SimilarityType::Ssd ? 20 : 6);
+      EXPECT_EQ(flat.optimisation.history, similarity != SimilarityType::Ssd || !is_sliding ? 6
+                                           : model == Model::Auto                           ? 32
+                                                                                            : 20);
       EXPECT_EQ(deep.optimisation.history, model == Model::Wendland1 ? 2 : 4);
       EXPECT_EQ(flat.momenta.narrow_width_shear, 0);
       const bool asks = model == Model::Auto && similarity == SimilarityType::Lncc;
@@ -92,11 +94,13 @@ TEST(AutoChoices, RefusesWhatIsBelowNothingButStandsForNoMeasure) {
   options.flow.divergence_weight = -0.75;
   options.momenta.plain_shear = -2;
   options.optimisation.round_tolerance = -0.125;
-  EXPECT_THAT(problems(options), ::testing::UnorderedElementsAre(::testing::HasSubstr("oblique_share is -0.5"),
-                                                                 ::testing::HasSubstr("narrow_width_shear is -0.25"),
-                                                                 ::testing::HasSubstr("divergence_weight is -0.75"),
-                                                                 ::testing::HasSubstr("plain_shear is -2"),
-                                                                 ::testing::HasSubstr("round_tolerance is -0.125")));
+  options.optimisation.first_round_tolerance = -0.25;
+  EXPECT_THAT(
+      problems(options),
+      ::testing::UnorderedElementsAre(
+          ::testing::HasSubstr("oblique_share is -0.5"), ::testing::HasSubstr("narrow_width_shear is -0.25"),
+          ::testing::HasSubstr("divergence_weight is -0.75"), ::testing::HasSubstr("plain_shear is -2"),
+          ::testing::HasSubstr(" round_tolerance is -0.125"), ::testing::HasSubstr("first_round_tolerance is -0.25")));
 }
 
 TEST(AutoChoices, HasOrientedMomentaOnlyWhereTheyAreCarried) {

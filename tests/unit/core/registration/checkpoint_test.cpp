@@ -99,11 +99,12 @@ TEST(Checkpoint, ResumesInAnyRoundWithTheSameEnd) {
 }
 
 // What the first step of each round of a level leaves behind: one pair where the round began without any. It does where
-// it is the first of its level or the first in which first orders join, and everywhere where they do not wait.
+// it is the first of its level or the first in which first orders join, and everywhere where pairs are not kept.
 TEST(Checkpoint, HoldsTheCurvatureOfTheRoundBefore) {
-  for (bool waits : {true, false}) {
+  for (const auto& [waits, keeps] : std::vector<std::pair<bool, bool>>{{true, true}, {false, true}, {true, false}}) {
     RegistrationOptions options = quick();
     options.momenta.first_order_waits = waits;
+    options.optimisation.keep_pairs = keeps;
     options.momenta.reweighted_rounds = 2;
     options.flow.coarsening = 0;
     const RegistrationInput<2> input = plane();
@@ -118,7 +119,7 @@ TEST(Checkpoint, HoldsTheCurvatureOfTheRoundBefore) {
     for (const std::vector<std::size_t>& rounds : pairs) {
       ASSERT_GE(rounds.size(), waits ? 3u : 2u);
       for (std::size_t round = 0; round < rounds.size(); ++round)
-        EXPECT_EQ(rounds[round] > 1, waits && round > 1) << waits << ' ' << round;
+        EXPECT_EQ(rounds[round] > 1, keeps && round > (waits ? 1u : 0u)) << waits << ' ' << keeps << ' ' << round;
     }
   }
 }

@@ -187,6 +187,29 @@ TEST(ResolvedOptions, FollowALowContrastWithSsd) {
   EXPECT_DOUBLE_EQ(at({noise, full / 4}).regularisation_beside_first, plain.regularisation * (0.5 + 1) / 2);
 }
 
+// Half the contrast: without pairs to begin with a round has to go on until four times less is gained. Where these are
+// kept, that is so for the first round of a level alone, down to the level's own tolerance over the root of a half.
+TEST(ResolvedOptions, FollowALowContrastWithTheEndsOfRounds) {
+  RegistrationOptions asked = automatic(SimilarityType::Ssd);
+  ASSERT_TRUE(asked.optimisation.keep_pairs);
+  asked.optimisation.tolerance = 0.02;
+  asked.optimisation.round_tolerance = 0.08;
+  const auto at = [&](double share) {
+    return resolved(asked, block(1), {0, share / 2 * asked.momenta.full_contrast}).optimisation;
+  };
+  EXPECT_EQ(at(1).first_round_tolerance, 0.08);
+  EXPECT_NEAR(at(0.8).first_round_tolerance, 0.08 * 0.64, 1e-5);
+  EXPECT_NEAR(at(0.5).first_round_tolerance, 0.02 * std::sqrt(2), 1e-5);
+  EXPECT_EQ(at(0.5).round_tolerance, 0.08);
+  EXPECT_EQ(at(0.5).tolerance, 0.02);
+  asked.optimisation.keep_pairs = false;
+  EXPECT_NEAR(at(0.5).first_round_tolerance, 0.02, 1e-5);
+  EXPECT_NEAR(at(0.5).round_tolerance, 0.02, 1e-5);
+  asked.optimisation.first_round_tolerance = 0.3;
+  EXPECT_EQ(at(0.5).first_round_tolerance, 0.3);
+  EXPECT_NEAR(at(0.5).round_tolerance, 0.02, 1e-5);
+}
+
 TEST(ResolvedOptions, FollowNoContrastWhereItIsSaidOtherwise) {
   RegistrationOptions asked = automatic(SimilarityType::Ssd);
   asked.momenta.regularisation_beside_first = 0.25;
