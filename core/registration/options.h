@@ -68,8 +68,8 @@ struct RegistrationOptions {
     double sparsity_noise = 0;  ///< lambda is `sparsity` times 1 + (noise of the finest level's images) / this; 0: it
                                 ///< does not follow the noise
     double full_contrast = 0;   ///< of rms_gradient, intensity range a voxel of the finest level: with ssd, where an
-                                ///< image has less, lambda, regularisation_beside_first and what is measured of
-                                ///< oriented_width are less, and tolerances others; 0: they are not
+                                ///< image has less, lambda, regularisation_beside_first, what is measured of
+                                ///< oriented_width and the tolerances of rounds are less; 0: they are not
     int sparsity_path = 1;  ///< weights lambda 2^(n-1), ..., lambda that a level is solved with, one after the other;
                             ///< none where a coarser one found first orders and reweighted_rounds follow
     /// lambda of the rounds with even weights that reweighted ones follow, as a multiple: they are there to show where
@@ -128,11 +128,11 @@ struct RegistrationOptions {
     /// the next one is made with. Without `keep_pairs` it follows the contrast as lambda does (full_contrast). -1: what
     /// suits model, similarity, preset and dimension (core/measurements.md, "Sparsity").
     double round_tolerance = 0;
-    /// The same of a level's first round where a coarser level has found first orders, which do not wait. -1:
-    /// round_tolerance, which follows the contrast here, with `keep_pairs` down to `tolerance` over its root.
+    /// The same of a level's first round where a coarser level has found first orders and they do not wait. -1:
+    /// round_tolerance; with `keep_pairs` that then follows the contrast, down to `tolerance` over the contrast's root.
     double first_round_tolerance = -1;
-    /// A round whose objective is that of the round before but for the weights of its sparsity begins with the pairs
-    /// that L-BFGS has.
+    /// A round that differs from the one before by the weights of its sparsity, and by how far elements have turned,
+    /// begins with the pairs that L-BFGS has. Not after one in which first orders waited, or that found no way down.
     bool keep_pairs = false;
     /// The same of a round of order 0 alone, where smaller than `tolerance`: one whose velocity is then asked whether
     /// something slides, or on a level without first orders; 0: `tolerance`.

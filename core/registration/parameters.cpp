@@ -292,7 +292,7 @@ const std::vector<Parameter>& parameters() {
           "with ssd: where the fixed image's root mean square gradient over a voxel of the finest level is a share of "
           "this, sparsity counts its square, order 0 beside first orders that share, and so does oriented_width where "
           "none is given, the less the more noise there is; a quarter at least; rounds go on for longer, see "
-          "first_round_tolerance; 0: they do not follow it",
+          "round_tolerance and first_round_tolerance; 0: they do not follow it",
           [](O & o) -> auto& { return o.momenta.full_contrast; }),
       integer(
           "sparsity_path", "", 1, 12,
@@ -452,14 +452,14 @@ const std::vector<Parameter>& parameters() {
           [](O & o) -> auto& { return o.optimisation.round_tolerance; }),
       real(
           "first_round_tolerance", "", -1, Lower::Inclusive, 1,
-          "the same of the first round of a level where a coarser one has found first orders, which do not wait; -1 "
-          "(and nothing else below 0): round_tolerance times the square of the contrast, see full_contrast, but with "
-          "keep_pairs no less than tolerance over its root",
+          "the same of the first round of a level where a coarser one has found first orders and they do not wait; -1 "
+          "(and nothing else below 0): round_tolerance, with keep_pairs times the square of the contrast, see "
+          "full_contrast, but no less than tolerance over the contrast's root",
           [](O & o) -> auto& { return o.optimisation.first_round_tolerance; }),
       boolean(
           "keep_pairs",
-          "a round that differs from the one before by the weights of its sparsity begins with the pairs that L-BFGS "
-          "has",
+          "a round that differs from the one before by the weights of its sparsity, and by how far oriented momenta "
+          "have turned, begins with the pairs that L-BFGS has",
           [](O & o) -> auto& { return o.optimisation.keep_pairs; }),
       real(
           "look_tolerance", "", 0, Lower::Inclusive, 1,

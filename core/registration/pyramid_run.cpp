@@ -274,8 +274,8 @@ void PyramidRun<Dim>::begin_round(std::size_t round) {
   const bool is_new = make_objective(rounds_[round]);
   objective_->weigh(rounds_[round], momenta);
   level_.oblique_share = objective_->working_set().oblique_share();
-  // Other weights change the sparsity term alone, and elements turn a little at most: what is known of the smooth
-  // part's curvature remains a good model. Not one that has just found no way down.
+  // Other weights change the sparsity term alone, and elements turn by half a right angle at most: what is known of the
+  // smooth part's curvature remains a good model. Not one that has just found no way down.
   const bool is_known = !is_new && round > 0 && rounds_[round - 1].lets_blocks_join &&
                         options_.optimisation.keep_pairs && level_.termination != Termination::LineSearchFailed;
   std::deque<CurvaturePair<Scalar>> pairs = std::move(reached_.minimiser.pairs);
@@ -290,9 +290,10 @@ void PyramidRun<Dim>::minimise_round(std::size_t round) {
   is_counted_ = false;
   const RegistrationOptions::Optimisation& optimisation = options_.optimisation;
   how_.tolerance = optimisation.tolerance;
+  const bool has_own = round == 0 && has_found() && optimisation.first_round_tolerance >= 0;
   if (round + 1 < rounds_.size() && rounds_[round].lets_blocks_join)
-    how_.tolerance = std::max(
-        how_.tolerance, round == 0 && has_found() ? optimisation.first_round_tolerance : optimisation.round_tolerance);
+    how_.tolerance =
+        std::max(how_.tolerance, has_own ? optimisation.first_round_tolerance : optimisation.round_tolerance);
   // Order 0 that is about to be asked whether something slides, or that is all that the level has.
   else if (round == 0 && (decides_ || !has_first_) && optimisation.look_tolerance > 0)
     how_.tolerance = std::min(how_.tolerance, optimisation.look_tolerance);

@@ -80,7 +80,7 @@ int usual_history(int dimension, Model model, SimilarityType similarity) {
   // Where every site has first orders a pair takes more than a third of what images and map do; two are as good.
   if (dimension == 3) return model == Model::Wendland1 ? 2 : 4;
   if (similarity != SimilarityType::Ssd) return 6;
-  return model == Model::Auto ? 32 : model == Model::Sliding ? 20 : 6;  // those of auto outlive a round
+  return model == Model::Auto ? 32 : model == Model::Sliding ? 20 : 6;  // of auto, which keeps them from round to round
 }
 
 /// Elements of a kernel that is narrow along the normal leave nothing beside an interface that order 0 would have to
@@ -235,13 +235,17 @@ void follow_contrast(double contrast, double noise, RegistrationOptions& o) {
   if (o.momenta.oriented_alone < 0) o.momenta.oriented_alone = 0;
   const double counted = std::max(there_is, kLeastCounted);
   o.momenta.sparsity = in_few_digits(o.momenta.sparsity * share(counted * counted));
-  // So much less of the energy is the motion's. Rounds that have pairs to begin with may end as early as elsewhere; the
-  // first one of a level has none.
+  // So much less of the energy is the motion's: rounds go on for longer. Of those that have the pairs of the one before
+  // only the first of a level need to, whose momenta have been found; where they have just been let in, that only shows
+  // where they are.
   RegistrationOptions::Optimisation& how = o.optimisation;
   const double of_motion = in_few_digits(how.round_tolerance * share(counted * counted));
-  const double at_the_start = std::max(of_motion, in_few_digits(how.tolerance / std::sqrt(share(counted))));
-  if (how.first_round_tolerance < 0) how.first_round_tolerance = how.keep_pairs ? at_the_start : of_motion;
-  if (!how.keep_pairs) how.round_tolerance = of_motion;
+  if (!how.keep_pairs) {
+    how.round_tolerance = of_motion;
+  } else if (how.first_round_tolerance < 0) {
+    const double enough = in_few_digits(how.tolerance / std::sqrt(share(counted)));
+    how.first_round_tolerance = std::min(how.round_tolerance, std::max(of_motion, enough));
+  }
   if (o.momenta.regularisation_beside_first == 0)
     o.momenta.regularisation_beside_first = in_few_digits(o.momenta.regularisation * share(counted));
   // Order 0 that is held so little fills what is beside an interface by itself.
@@ -265,7 +269,6 @@ RegistrationOptions resolved(const RegistrationOptions& options, const Lattice<D
   const double noise = noise_of_level(traits.noise, image, level_lattice(image, o.pyramid.finest_level));
   follow_noise<Dim>(noise, o);
   follow_contrast(traits.contrast, noise, o);
-  if (o.optimisation.first_round_tolerance < 0) o.optimisation.first_round_tolerance = o.optimisation.round_tolerance;
   if (o.momenta.oriented_width == 0) o.momenta.oriented_width = 1;
   if (o.momenta.oriented_alone < 0) o.momenta.oriented_alone = 1;
   if (o.model == Model::Auto && o.similarity == SimilarityType::Lncc && o.preset != Preset::Fast &&

@@ -95,13 +95,17 @@ TEST(Checkpoint, ResumesInAnyRoundWithTheSameEnd) {
   options.momenta.sparsity_path = 2;
   options.momenta.reweighted_rounds = 1;
   options.momenta.debias = true;
-  resumes_anywhere<2>(plane(), options);
+  for (bool keeps : {false, true}) {
+    options.optimisation.keep_pairs = keeps;
+    resumes_anywhere<2>(plane(), options);
+  }
 }
 
 // What the first step of each round of a level leaves behind: one pair where the round began without any. It does where
 // it is the first of its level or the first in which first orders join, and everywhere where pairs are not kept.
 TEST(Checkpoint, HoldsTheCurvatureOfTheRoundBefore) {
-  for (const auto& [waits, keeps] : std::vector<std::pair<bool, bool>>{{true, true}, {false, true}, {true, false}}) {
+  for (const auto& [waits, keeps] :
+       std::vector<std::pair<bool, bool>>{{true, true}, {false, true}, {true, false}, {false, false}}) {
     RegistrationOptions options = quick();
     options.momenta.first_order_waits = waits;
     options.optimisation.keep_pairs = keeps;

@@ -33,6 +33,30 @@ TEST(LowContrast, IsFollowed) {
   EXPECT_LT(error_of(followed), 0.9 * error_of(not_followed));
 }
 
+// Only a level that begins with what a coarser one has found, and with a round that another one follows, sees it.
+TEST(LowContrast, EndsTheFirstRoundOfALevelByAToleranceOfItsOwn) {
+  const RegistrationInput<2> input = pair_of(make_phantom<2>(default_phantom_options(PhantomKind::Slip)));
+  const auto evaluations = [&](double round, double first) {
+    RegistrationOptions options = default_options(Model::Sliding, SimilarityType::Ssd, Preset::Balanced);
+    options.pyramid.levels = 3;
+    options.momenta.first_order_scales = 2;
+    options.momenta.reweighted_rounds = 2;
+    options.optimisation.round_tolerance = round;
+    options.optimisation.first_round_tolerance = first;
+    options.threads = 1;
+    std::vector<int> of_levels;
+    for (const LevelSummary& level : register_images<2>(input, options).summary.levels)
+      of_levels.push_back(level.evaluations);
+    return of_levels;
+  };
+  const std::vector<int> as_others = evaluations(0.5, -1), at_once = evaluations(0.5, 1), late = evaluations(0.5, 0);
+  EXPECT_EQ(evaluations(0.5, 0.5), as_others);
+  ASSERT_EQ(at_once.size(), 3u);
+  EXPECT_EQ(at_once[0], late[0]) << "nothing has been found before";
+  EXPECT_EQ(at_once[1], late[1]) << "nothing has been found before";
+  EXPECT_LT(at_once[2], late[2]);
+}
+
 // On one level first orders are there from the start, and there is no other weight before.
 TEST(LowContrast, GivesOrder0ItsWeightBesideFirstOrdersFromWhereTheyAreThere) {
   const RegistrationInput<2> input = pair_of(make_phantom<2>(default_phantom_options(PhantomKind::Slip)));

@@ -452,6 +452,16 @@ TEST(OrientedModel, ResumesWithTheSameEndWhereItStandsAlone) {
   expect_to_resume_with_the_same_end(options);
 }
 
+// Rounds begin with the pairs of the one before, and none waits.
+TEST(OrientedModel, ResumesWithTheSameEndWithPairsOfTheRoundBefore) {
+  RegistrationOptions options = default_options(Model::Auto, SimilarityType::Ssd, Preset::Balanced);
+  options.threads = 1;
+  options.momenta.first_order_shear = 1e-9;
+  ASSERT_TRUE(options.optimisation.keep_pairs);
+  ASSERT_FALSE(options.momenta.first_order_waits);
+  expect_to_resume_with_the_same_end(options);
+}
+
 // Of a scale that has nothing beside its elements.
 TEST(OrientedModel, ResumesWithTheSameEndWithoutFields) {
   RegistrationOptions options = default_options(Model::Auto, SimilarityType::Ncc, Preset::Balanced);

@@ -6,6 +6,7 @@
 #include "core/grid/noise.h"
 #include "core/registration/options.h"
 
+#include <cmath>
 #include <utility>
 
 namespace saltus {
@@ -188,26 +189,34 @@ TEST(ResolvedOptions, FollowALowContrastWithSsd) {
 }
 
 // Half the contrast: without pairs to begin with a round has to go on until four times less is gained. Where these are
-// kept, that is so for the first round of a level alone, down to the level's own tolerance over the root of a half.
+// kept, that is so for the first round of a level alone, down to the level's own tolerance over the root of a half, and
+// never sooner than the other rounds. The part of all this that is due to noise stays.
 TEST(ResolvedOptions, FollowALowContrastWithTheEndsOfRounds) {
   RegistrationOptions asked = automatic(SimilarityType::Ssd);
   ASSERT_TRUE(asked.optimisation.keep_pairs);
   asked.optimisation.tolerance = 0.02;
   asked.optimisation.round_tolerance = 0.08;
-  const auto at = [&](double share) {
-    return resolved(asked, block(1), {0, share / 2 * asked.momenta.full_contrast}).optimisation;
+  const auto at = [&](double share, double noise = 0) {
+    return resolved(asked, block(1), {noise, share / 2 * asked.momenta.full_contrast}).optimisation;
   };
-  EXPECT_EQ(at(1).first_round_tolerance, 0.08);
+  EXPECT_EQ(at(1).first_round_tolerance, -1) << "as the others";
   EXPECT_NEAR(at(0.8).first_round_tolerance, 0.08 * 0.64, 1e-5);
   EXPECT_NEAR(at(0.5).first_round_tolerance, 0.02 * std::sqrt(2), 1e-5);
   EXPECT_EQ(at(0.5).round_tolerance, 0.08);
   EXPECT_EQ(at(0.5).tolerance, 0.02);
+  // The level's noise is ssd_residual then: half of what counts is due to it.
+  const double noise =
+      asked.similarity_parameters.ssd_residual / noise_of_level(1.0, block(1), level_lattice(block(1), 1));
+  EXPECT_NEAR(at(0.5, noise).first_round_tolerance, 0.08 * (0.25 + 1) / 2, 1e-5);
+  asked.optimisation.tolerance = 0.06;
+  EXPECT_NEAR(at(0.5, noise).first_round_tolerance, 0.06 / std::sqrt((0.5 + 1) / 2), 1e-5);
+  asked.optimisation.tolerance = 0.075;
+  EXPECT_EQ(at(0.5).first_round_tolerance, 0.08);
   asked.optimisation.keep_pairs = false;
-  EXPECT_NEAR(at(0.5).first_round_tolerance, 0.02, 1e-5);
+  EXPECT_EQ(at(0.5).first_round_tolerance, -1) << "as the others";
   EXPECT_NEAR(at(0.5).round_tolerance, 0.02, 1e-5);
   asked.optimisation.first_round_tolerance = 0.3;
   EXPECT_EQ(at(0.5).first_round_tolerance, 0.3);
-  EXPECT_NEAR(at(0.5).round_tolerance, 0.02, 1e-5);
 }
 
 TEST(ResolvedOptions, FollowNoContrastWhereItIsSaidOtherwise) {
