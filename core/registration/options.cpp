@@ -153,7 +153,7 @@ RegistrationOptions default_options(Model model, SimilarityType similarity, Pres
   if (similarity != SimilarityType::Ssd) {
     // A short run loses nothing on the liver images (core/measurements.md, "Stopping").
     o.optimisation.tolerance = preset == Preset::Fast ? 5e-2 : preset == Preset::Balanced ? 2.5e-2 : 5e-3;
-    o.momenta.first_order_waits = o.optimisation.keep_pairs = is_sliding;
+    o.momenta.first_order_waits = is_sliding;
     if (is_sliding && similarity == SimilarityType::Lncc) o.optimisation.noise_tolerance = 0.1;
     if (is_sliding && is_correlation) {
       o.momenta.reweighted_rounds = 1;
@@ -176,7 +176,6 @@ RegistrationOptions default_options(Model model, SimilarityType similarity, Pres
     }
     // Of ncc and mi, which are statistics of all that is compared, it would change the weight.
     if (similarity != SimilarityType::Ncc && similarity != SimilarityType::Mi) o.pyramid.region_margin = 4;
-    o.optimisation.keep_pairs = true;
     o.flow.map_tolerance = preset == Preset::Fast ? 1 : preset == Preset::Balanced ? 0.4 : 0.2;
     // What first orders that are left out would have gone on to fit; order 0 alone is cheap (core/measurements.md,
     // "Stopping").
@@ -184,6 +183,8 @@ RegistrationOptions default_options(Model model, SimilarityType similarity, Pres
     if (similarity == SimilarityType::Ssd || similarity == SimilarityType::Ncc || similarity == SimilarityType::Ngf)
       o.optimisation.look_tolerance = 0.006;
   }
+  // With ssd sliding loses more on the paper's rectangle than it gains elsewhere (core/measurements.md, "Sparsity").
+  o.optimisation.keep_pairs = o.momenta.first_order_waits || model == Model::Auto;
   return o;
 }
 

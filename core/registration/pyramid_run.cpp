@@ -274,7 +274,7 @@ void PyramidRun<Dim>::begin_round(std::size_t round) {
   const bool is_new = make_objective(rounds_[round]);
   objective_->weigh(rounds_[round], momenta);
   level_.oblique_share = objective_->working_set().oblique_share();
-  // Other weights change the sparsity term alone, and elements turn by half a right angle at most: what is known of the
+  // Other weights change the sparsity term alone, and elements turn by 36 degrees at most: what is known of the
   // smooth part's curvature remains a good model. Not one that has just found no way down.
   const bool is_known = !is_new && round > 0 && rounds_[round - 1].lets_blocks_join &&
                         options_.optimisation.keep_pairs && level_.termination != Termination::LineSearchFailed;

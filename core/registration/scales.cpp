@@ -235,9 +235,8 @@ void follow_contrast(double contrast, double noise, RegistrationOptions& o) {
   if (o.momenta.oriented_alone < 0) o.momenta.oriented_alone = 0;
   const double counted = std::max(there_is, kLeastCounted);
   o.momenta.sparsity = in_few_digits(o.momenta.sparsity * share(counted * counted));
-  // So much less of the energy is the motion's: rounds go on for longer. Of those that have the pairs of the one before
-  // only the first of a level need to, whose momenta have been found; where they have just been let in, that only shows
-  // where they are.
+  // So much less of the energy is the motion's: a round has to go on for longer before its momenta are worth weights.
+  // Where rounds go on from the pairs of the one before, that is so for the first one of a level alone, which has none.
   RegistrationOptions::Optimisation& how = o.optimisation;
   const double of_motion = in_few_digits(how.round_tolerance * share(counted * counted));
   if (!how.keep_pairs) {
