@@ -70,6 +70,49 @@ template <int Dim, class T>
   });
 }
 
+/// The first-order elements at the upper faces, along one axis, of `count` sites in a row (at most as many as lanes).
+template <int Dim, class T>
+class FaceRow {
+ public:
+  FaceRow(const MovedSites<Dim, T>& sites, int axis, const Index<Dim>& index, std::size_t site, int count)
+      : sites_(sites), axis_(axis), index_(index), site_(site), count_(count) {
+    const int length = sites.lattice().size[static_cast<std::size_t>(axis)], at = index[static_cast<std::size_t>(axis)];
+    inner_ = axis > 0 ? (at + 1 < length ? count : 0) : std::min(count, length - 1 - at);
+  }
+
+  /// The upper one of the two sites that a face lies between; at the lattice's end the only one.
+  std::size_t beside(int lane) const {
+    const std::size_t site = site_ + static_cast<std::size_t>(lane);
+    return lane < inner_ ? site + sites_.strides()[static_cast<std::size_t>(axis_)] : site;
+  }
+
+  /// As Face::on(b).
+  LanePoints<Dim, T> positions(int b) const {
+    const LanePoints<Dim, T> lower = lanes_of<Dim, T>(sites_.displacement() + Dim * site_, count_);
+    LanePoints<Dim, T> at = lower;
+    if (inner_ > 0) at = lanes_of<Dim, T>(sites_.displacement() + Dim * beside(0), inner_);
+    for (int a = 0; a < Dim; ++a) {
+      for (int lane = inner_; lane < count_; ++lane) at[a][lane] = lower[a][lane];
+      const double first = index_[a] + (a == axis_ ? 0.5 : 0.0), per_mm = sites_.per_mm()[a];
+      const T back = a == b ? T(0.5) : T(0);
+#pragma omp simd
+      for (int lane = 0; lane < CellLanes<Dim, T>::kLanes; ++lane) {
+        const T moved = T(0.5) * (lower[a][lane] + at[a][lane]);
+        at[a][lane] = static_cast<T>(first + (a == 0 ? lane : 0) + static_cast<double>(moved) * per_mm) - back;
+      }
+    }
+    return at;
+  }
+
+ private:
+  const MovedSites<Dim, T>& sites_;
+  const int axis_;
+  const Index<Dim> index_;
+  const std::size_t site_;
+  const int count_;
+  int inner_;  ///< how many of them lie between two sites
+};
+
 }  // namespace
 
 /// The first-order element at the upper face of a site along one axis.
@@ -145,6 +188,7 @@ void CoadjointTransport<Dim, T>::visit_slab_of(const BlockSet<Dim>* blocks, int 
 template <int Dim, class T>
 MomentumMasks<Dim> CoadjointTransport<Dim, T>::reached(const MovedSites<Dim, T>& sites,
                                                        const AxisBlocks<Dim>& blocks) const {
+  constexpr int lanes = CellLanes<Dim, T>::kLanes;
   const auto all = BlockMask<Dim>::all(lattice_), none = BlockMask<Dim>::none(lattice_);
   MomentumMasks<Dim> masks(has_zeroth_ ? all : none, none);
   for (int axis = 0; has_first_ && axis < Dim; ++axis) {
@@ -159,9 +203,9 @@ MomentumMasks<Dim> CoadjointTransport<Dim, T>::reached(const MovedSites<Dim, T>&
       if (!mask.is_all()) open.push_back(b);
     }
     for (int slab = 0; slab < lattice_.size[Dim - 1] && !open.empty(); ++slab)
-      blocks[axis]->visit_slab(slab, [&](const Index<Dim>& index, std::size_t site) {
-        const Face face(sites, axis, index, site);
-        for (int b : open) (b < 0 ? masks.zeroth : masks.first[b]).mark_cell(LinearCell<Dim, T>(lattice_, face.on(b)));
+      start.visit_pieces(lattice_, slab, lanes, [&](const Index<Dim>& index, std::size_t site, int count) {
+        const FaceRow<Dim, T> row(sites, axis, index, site, count);
+        for (int b : open) (b < 0 ? masks.zeroth : masks.first[b]).mark_cells(lattice_, row.positions(b), count);
       });
   }
   masks.zeroth.complete_if_dense();
@@ -384,44 +428,32 @@ template <int Dim, class T>
 void CoadjointTransport<Dim, T>::carried_face_adjoint(const MovedSites<Dim, T>& sites, int axis,
                                                       const BlockSet<Dim>* blocks, const T* first, const T* out_dual,
                                                       T* displacement_dual, T* first_dual) {
-  std::array<T, Dim> half;
-  for (int a = 0; a < Dim; ++a) half[a] = static_cast<T>(0.5 * sites.per_mm()[a]);
+  using Vector = typename CellLanes<Dim, T>::Vector;
   constexpr int lanes = CellLanes<Dim, T>::kLanes;
+  Vector half{};
+  for (int a = 0; a < Dim; ++a) half[a] = static_cast<T>(0.5 * sites.per_mm()[a]);
+  const auto add = [](const Vector& terms, T* values) {
+    for (int c = 0; c < Dim; ++c) values[c] += terms[c];
+  };
+  const BlockMask<Dim> where = blocks ? blocks->mask() : BlockMask<Dim>::all(lattice_);
   for_planes_apart<2>(lattice_.size[Dim - 1], [&](int slab) {
     CellLanes<Dim, T> cells(lattice_);
-    LanePoints<Dim, T> at{};
-    std::array<std::array<std::size_t, 2>, lanes> beside;
-    int count = 0;
-    const auto pull = [&] {
-      cells.find(at);
-      for (int lane = 0; lane < count; ++lane) {
-        const auto [site, other] = beside[static_cast<std::size_t>(lane)];
-        const LinearCell<Dim, T> cell = cells.cell(lane);
-        T* to = first_dual + Dim * site;
-        // Most faces of active blocks have no momentum: they move nothing, and only their own gradient is asked for.
-        if (!first || is_zero<Dim, T>(first + Dim * site)) {
-          add_to<Dim, T>(to, gather<Dim, T>(cell, out_dual));
-          continue;
-        }
-        std::array<T, Dim> m, gradient;
-        std::copy_n(first + Dim * site, Dim, m.begin());
-        const std::array<T, Dim> dual = cell.template value_and_gradient<Dim>(out_dual, m, gradient);
-        for (int c = 0; c < Dim; ++c) to[c] += dual[c];
-        for (int a = 0; a < Dim; ++a) {
-          displacement_dual[Dim * site + a] += half[a] * gradient[a];
-          displacement_dual[Dim * other + a] += half[a] * gradient[a];
-        }
-      }
-      count = 0;
-    };
-    visit_slab_of(blocks, slab, [&](const Index<Dim>& where, std::size_t site) {
-      const Face face(sites, axis, where, site);
-      const std::array<T, Dim> on = face.on(axis);
-      for (int a = 0; a < Dim; ++a) at[a][static_cast<std::size_t>(count)] = on[a];
-      beside[static_cast<std::size_t>(count)] = face.beside;
-      if (++count == lanes) pull();
+    where.visit_pieces(lattice_, slab, lanes, [&](const Index<Dim>& index, std::size_t site, int count) {
+      const FaceRow<Dim, T> row(sites, axis, index, site, count);
+      cells.find(row.positions(axis));
+      T* to = first_dual + Dim * site;
+      const auto add_value = [&](int lane, const Vector& value) { add(value, to + Dim * lane); };
+      if (!first) return cells.visit_vectors(out_dual, count, add_value);
+      const LaneVectors<T> momenta = vectors_of<Dim, T>(first + Dim * site, count);
+      LaneMask moves;
+      mark_nonzero<Dim, T>(momenta, moves);
+      cells.visit_gradients(out_dual, momenta, count, [&](int lane, const Vector& value, const Vector& gradient) {
+        add_value(lane, value);
+        if (!moves[static_cast<std::size_t>(lane)]) return;  // its own gradient alone is asked for
+        add(half * gradient, displacement_dual + Dim * (site + static_cast<std::size_t>(lane)));
+        add(half * gradient, displacement_dual + Dim * row.beside(lane));
+      });
     });
-    pull();
   });
 }
 

@@ -1,10 +1,10 @@
 #pragma once
 
-#include "core/grid/interpolation.h"
 #include "core/grid/lattice.h"
 #include "core/support/thread_count.h"
 
 #include <algorithm>
+#include <array>
 #include <numeric>
 #include <vector>
 
@@ -31,22 +31,35 @@ class BlockMask {
     marks_[block] = 1;
     any_ = true;
   }
-  /// Marks the blocks of the cell's corners.
-  template <class T>
-  void mark_cell(const LinearCell<Dim, T>& cell) {
-    std::size_t low = 0, stride = 1;
-    std::array<std::size_t, Dim> step;
+  /// Marks the blocks of the corners of the cells (LinearCell) of the first `count` points: index coordinates, by axis.
+  template <class T, std::size_t Lanes>
+  void mark_cells(const Lattice<Dim>& lattice, const std::array<std::array<T, Lanes>, Dim>& points, int count) {
+    std::array<int, Lanes> low{}, crosses{};  // block of the lowest corner; along which axes another begins
+    int stride = 1;
     for (int axis = 0; axis < Dim; ++axis) {
-      low += stride * static_cast<std::size_t>(cell.low[axis] / kBlockEdge);
-      const bool crosses = cell.step[axis] > 0 && cell.low[axis] % kBlockEdge == kBlockEdge - 1;
-      step[axis] = crosses ? stride : 0;
-      stride *= static_cast<std::size_t>(blocks_[axis]);
+      const int last = lattice.size[axis] - 1, upper = std::max(0, last - 1);
+      const T end = static_cast<T>(last);
+#pragma omp simd
+      for (std::size_t lane = 0; lane < Lanes; ++lane) {
+        T at = points[axis][lane] > T(0) ? points[axis][lane] : T(0);
+        at = at < end ? at : end;
+        const int cell = std::min(static_cast<int>(at), upper);
+        low[lane] += stride * (cell / kBlockEdge);
+        crosses[lane] |= (cell % kBlockEdge == kBlockEdge - 1 && cell < last) << axis;
+      }
+      stride *= blocks_[axis];
     }
-    for (int bits = 0; bits < 1 << Dim; ++bits) {
-      std::size_t block = low;
-      for (int axis = 0; axis < Dim; ++axis)
-        if (bits >> axis & 1) block += step[axis];
-      mark(block);
+    for (std::size_t lane = 0; lane < static_cast<std::size_t>(count); ++lane) {
+      if (lane > 0 && low[lane] == low[lane - 1] && crosses[lane] == crosses[lane - 1]) continue;
+      for (int bits = 0; bits < 1 << Dim; ++bits) {
+        if ((bits & crosses[lane]) != bits) continue;
+        int block = low[lane], step = 1;
+        for (int axis = 0; axis < Dim; ++axis) {
+          if (bits >> axis & 1) block += step;
+          step *= blocks_[axis];
+        }
+        mark(static_cast<std::size_t>(block));
+      }
     }
   }
 

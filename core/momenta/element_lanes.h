@@ -86,14 +86,6 @@ class PaddedField {
   std::size_t length_, rows_, planes_, two_rows_, plane_;
 };
 
-/// Sum of the lanes.
-template <class T>
-[[gnu::always_inline]] inline T sum_of(const Register<T>& lanes) {
-  T sum = 0;
-  for (std::size_t i = 0; i < kRegisterLanes<T>; ++i) sum += lanes[i];
-  return sum;
-}
-
 /// Calls visit(begin, end) for ranges of planes of the last axis, one for each thread, which begin at multiples of
 /// `together`. A thread that owns its planes hears of elements in their order, however many threads there are.
 template <class Visit>

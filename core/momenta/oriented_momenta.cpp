@@ -2,16 +2,22 @@
 
 #include "core/support/errors.h"
 #include "core/support/reduction.h"
+#include "core/support/registers.h"
 
 #include <Eigen/Geometry>
 
 #include <algorithm>
 #include <cmath>
+#include <functional>
 #include <iterator>
 #include <limits>
 #include <numbers>
 #include <numeric>
 #include <string>
+
+#ifdef _OPENMP
+#include <omp.h>
+#endif
 
 namespace saltus {
 namespace {
@@ -102,27 +108,30 @@ OrientedMomenta<Dim, T>::OrientedMomenta(const OrientedOptions<Dim>& options)
       exact[k] = AveragedWendland<double>(width, cell);
       orientation.profiles[k] = AveragedWendland<T>(width, cell);
     }
-    std::size_t count = 1;
+    Index<Dim> taps;
     for (int a = 0; a < Dim; ++a) {
       double extent = 0;
       for (int k = 0; k < Dim; ++k) extent += std::abs(orientation.axes(k, a)) * (exact[k].sigma + 2 * exact[k].half);
       orientation.reach[a] = static_cast<int>(std::ceil(extent / lattice.spacing[a]));
-      count *= static_cast<std::size_t>(2 * orientation.reach[a] + 1);
+      taps[a] = 2 * orientation.reach[a] + 1;
     }
     const double factor = options_.weight * lattice.cell_volume() * lattice.cell_volume();
-    for (std::size_t i = 0; i < count; ++i) {
-      std::size_t rest = i;
-      Vec<Dim> apart;
-      for (int a = 0; a < Dim; ++a) {
-        const std::size_t length = static_cast<std::size_t>(2 * orientation.reach[a] + 1);
-        apart[a] = (static_cast<int>(rest % length) - orientation.reach[a]) * lattice.spacing[a];
-        rest /= length;
+    constexpr std::size_t lanes = kRegisterLanes<T>;
+    orientation.row_of_taps = (static_cast<std::size_t>(taps[0]) + lanes - 1) / lanes * lanes;
+    const std::size_t rows =
+        static_cast<std::size_t>(std::accumulate(taps.begin() + 1, taps.end(), 1, std::multiplies()));
+    orientation.gram.assign(orientation.row_of_taps * rows, T(0));
+    for (std::size_t row = 0; row < rows; ++row)
+      for (int x = 0; x < taps[0]; ++x) {
+        Index<Dim> at{x, static_cast<int>(row) % taps[1]};
+        if constexpr (Dim == 3) at[2] = static_cast<int>(row) / taps[1];
+        Vec<Dim> apart;
+        for (int a = 0; a < Dim; ++a) apart[a] = (at[a] - orientation.reach[a]) * lattice.spacing[a];
+        const Vec<Dim> turned = orientation.axes * apart;
+        double gram = factor * exact[0].slope_gram(turned[0]);
+        for (int k = 1; k < Dim; ++k) gram *= exact[k].value_gram(turned[k]);
+        orientation.gram[orientation.row_of_taps * row + static_cast<std::size_t>(x)] = static_cast<T>(gram);
       }
-      const Vec<Dim> turned = orientation.axes * apart;
-      double gram = factor * exact[0].slope_gram(turned[0]);
-      for (int k = 1; k < Dim; ++k) gram *= exact[k].value_gram(turned[k]);
-      orientation.gram.push_back(static_cast<T>(gram));
-    }
     orientations_.push_back(std::move(orientation));
   }
 }
@@ -192,68 +201,82 @@ auto OrientedMomenta<Dim, T>::placement(const T* corners) -> Placement {
 
 template <int Dim, class T>
 double OrientedMomenta<Dim, T>::penalty(const std::vector<Element>& elements, const T* momenta, T* gradient) const {
-  const Lattice<Dim>& lattice = options_.lattice;
-  const auto length = static_cast<std::size_t>(lattice.size[0]), rows = static_cast<std::size_t>(lattice.size[1]);
-  const std::size_t lines = sites_ / length;
-  std::vector<double> product(elements.size());  // momentum times its gradient
-  // Of the elements with one normal those that have a momentum, and where those of each row begin: of rows that follow
-  // each other they are one after the other.
-  struct Moving {
-    int x, tap;  ///< `tap`: from that of the plane's first site, as `gram` lies
-    std::array<T, kComponents> momentum;
-  };
-  std::vector<Moving> moving;
-  std::vector<std::size_t> row_begin(lines + 1);
+  std::vector<T>& forces = penalty_.forces;
+  std::vector<Index<Dim>>& sites = penalty_.sites;
+  forces.assign(kComponents * elements.size(), T(0));
+  sites.resize(elements.size());
   for (std::size_t begin = 0; begin < elements.size();) {
     const std::size_t normal = normal_of(elements[begin]);
-    const Orientation& orientation = orientations_[normal];
-    const int taps_in_row = 2 * orientation.reach[0] + 1, rows_of_taps = 2 * orientation.reach[1] + 1;
-    std::size_t end = begin, row = 0;
-    moving.clear();
-    for (; end < elements.size() && normal_of(elements[end]) == normal; ++end) {
-      const T* c = momenta + kComponents * end;
-      if (std::all_of(c, c + kComponents, [](T value) { return value == T(0); })) continue;
-      const std::size_t site = site_of(elements[end]);
-      while (row <= site / length) row_begin[row++] = moving.size();
-      const int x = static_cast<int>(site % length), y = static_cast<int>(site / length % rows);
-      Moving one{x, taps_in_row * y + x, {}};
-      std::copy_n(c, kComponents, one.momentum.begin());
-      moving.push_back(one);
-    }
-    while (row < row_begin.size()) row_begin[row++] = moving.size();
-#pragma omp parallel for schedule(static)
-    for (std::size_t e = begin; e < end; ++e) {
-      Index<Dim> at, low, high;
-      std::size_t rest = site_of(elements[e]);
+    std::size_t end = begin;
+    for (; end < elements.size() && elements[end] < (normal + 1) * sites_; ++end) {
+      auto rest = static_cast<std::uint32_t>(elements[end] - normal * sites_);
       for (int a = 0; a < Dim; ++a) {
-        const std::size_t extent = static_cast<std::size_t>(lattice.size[a]);
-        at[a] = static_cast<int>(rest % extent);
-        rest /= extent;
-        low[a] = std::max(0, at[a] - orientation.reach[a]);
-        high[a] = std::min(lattice.size[a], at[a] + orientation.reach[a] + 1);
-      }
-      T sum[kComponents] = {};
-      const int planes_begin = Dim == 3 ? low[Dim - 1] : 0, planes_end = Dim == 3 ? high[Dim - 1] : 1;
-      for (int z = planes_begin; z < planes_end; ++z) {
-        const std::size_t plane = rows * static_cast<std::size_t>(z);
-        int first_tap = taps_in_row * (orientation.reach[1] - at[1]) + orientation.reach[0] - at[0];
-        if constexpr (Dim == 3) first_tap += taps_in_row * rows_of_taps * (z - at[2] + orientation.reach[2]);
-        const std::size_t last = row_begin[plane + static_cast<std::size_t>(high[1])];
-        for (std::size_t i = row_begin[plane + static_cast<std::size_t>(low[1])]; i < last; ++i) {
-          const Moving& other = moving[i];
-          if (other.x < low[0] || other.x >= high[0]) continue;
-          const T tap = orientation.gram[static_cast<std::size_t>(first_tap + other.tap)];
-          for (std::size_t j = 0; j < kComponents; ++j) sum[j] += tap * other.momentum[j];
-        }
-      }
-      for (int j = 0; j < kComponents; ++j) {
-        gradient[kComponents * e + j] += sum[j];
-        product[e] += static_cast<double>(momenta[kComponents * e + j]) * sum[j];
+        const auto length = static_cast<std::uint32_t>(options_.lattice.size[a]);
+        sites[end][a] = static_cast<int>(rest % length);
+        rest /= length;
       }
     }
+    const std::size_t at = kComponents * begin;
+    add_forces(orientations_[normal], {sites.data() + begin, end - begin}, momenta + at, forces.data() + at);
     begin = end;
   }
-  return ordered_sum(product.size(), [&](std::size_t e) { return product[e]; }) / 2;
+  for (std::size_t i = 0; i < forces.size(); ++i) gradient[i] += forces[i];
+  return ordered_sum(forces.size(), [&](std::size_t i) { return static_cast<double>(momenta[i]) * forces[i]; }) / 2;
+}
+
+/// forces += gram * momenta, of the elements with one normal at these sites (rising). The momenta of one plane at a
+/// time are laid out as a field, 0 between them and beyond the ends of its rows: so a row of taps meets values that
+/// follow each other, and nobody has to find out who is near.
+template <int Dim, class T>
+void OrientedMomenta<Dim, T>::add_forces(const Orientation& orientation, std::span<const Index<Dim>> sites,
+                                         const T* momenta, T* forces) const {
+  const int rows = options_.lattice.size[1], planes = Dim == 3 ? options_.lattice.size[Dim - 1] : 1;
+  const int reach_y = orientation.reach[1], reach_z = Dim == 3 ? orientation.reach[Dim - 1] : 0;
+  const std::size_t row = static_cast<std::size_t>(options_.lattice.size[0]) + orientation.row_of_taps;
+  const std::size_t plane = row * static_cast<std::size_t>(rows);
+  const auto z_of = [&](std::size_t e) { return Dim == 3 ? sites[e][Dim - 1] : 0; };
+
+#ifdef _OPENMP
+  const std::size_t parts = static_cast<std::size_t>(omp_get_max_threads());
+#else
+  const std::size_t parts = 1;
+#endif
+  penalty_.planes.resize(std::max(parts, penalty_.planes.size()));
+#pragma omp parallel for schedule(static, 1)
+  for (std::size_t part = 0; part < parts; ++part) {
+    const std::size_t part_begin = sites.size() * part / parts, part_end = sites.size() * (part + 1) / parts;
+    if (part_begin == part_end) continue;
+    std::vector<T>& field = penalty_.planes[part];  // 0 whenever nobody is at work on it
+    field.resize(std::max(field.size(), kComponents * plane), T(0));
+    const auto lay_out = [&](std::size_t e, auto value) {
+      T* to = field.data() + row * static_cast<std::size_t>(sites[e][1]) +
+              static_cast<std::size_t>(sites[e][0] + orientation.reach[0]);
+      for (std::size_t c = 0; c < kComponents; ++c) to[c * plane] = value(c);
+    };
+    const int first = std::max(0, z_of(part_begin) - reach_z),
+              last = std::min(planes - 1, z_of(part_end - 1) + reach_z);
+    std::size_t source = 0, begin = part_begin, end = part_begin;
+    while (source < sites.size() && z_of(source) < first) ++source;
+    for (int z = first; z <= last; ++z) {
+      const std::size_t sources = source;
+      for (; source < sites.size() && z_of(source) == z; ++source)
+        lay_out(source, [&](std::size_t c) { return momenta[kComponents * source + c]; });
+      while (begin < part_end && z_of(begin) < z - reach_z) ++begin;
+      while (end < part_end && z_of(end) <= z + reach_z) ++end;
+      for (std::size_t e = begin; e < end && source > sources; ++e) {
+        const int y = sites[e][1], low = std::max(0, y - reach_y), high = std::min(rows, y + reach_y + 1);
+        const int rows_before = (2 * reach_y + 1) * (z - z_of(e) + reach_z) + low - y + reach_y;
+        const T* taps = orientation.gram.data() + orientation.row_of_taps * static_cast<std::size_t>(rows_before);
+        const T* values = field.data() + row * static_cast<std::size_t>(low) + static_cast<std::size_t>(sites[e][0]);
+        Register<T> sums[kComponents] = {};
+        for (int i = low; i < high; ++i, values += row)
+          for (std::size_t x = 0; x < orientation.row_of_taps; x += kRegisterLanes<T>, taps += kRegisterLanes<T>)
+            for (std::size_t c = 0; c < kComponents; ++c) sums[c] += load<T>(taps) * load<T>(values + c * plane + x);
+        for (std::size_t c = 0; c < kComponents; ++c) forces[kComponents * e + c] += sum_of<T>(sums[c]);
+      }
+      for (std::size_t e = sources; e < source; ++e) lay_out(e, [](std::size_t) { return T(0); });
+    }
+  }
 }
 
 template <int Dim, class T>

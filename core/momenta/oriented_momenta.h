@@ -8,6 +8,7 @@
 
 #include <array>
 #include <cstdint>
+#include <span>
 #include <vector>
 
 namespace saltus {
@@ -141,6 +142,7 @@ class OrientedMomenta {
     AveragedWendland<T> profiles[Dim];     ///< along them
     int steepest = 0;                      ///< see steepest_axis
     Index<Dim> reach;                      ///< of `gram`, in sites
+    std::size_t row_of_taps = 0;           ///< of `gram`, what is more than 2 reach[0] + 1 of them is 0
     std::vector<T> gram;                   ///< of two elements by how far their sites are apart
     std::array<T, Dim> reaches() const {   ///< of the profiles, mm
       std::array<T, Dim> found;
@@ -150,6 +152,7 @@ class OrientedMomenta {
   };
   bool has_room(Element element) const;
   static T shape_scale(const Orientation& orientation);
+  void add_forces(const Orientation& orientation, std::span<const Index<Dim>> sites, const T* momenta, T* forces) const;
   struct Pull {
     Eigen::Matrix<T, Dim, 1> pulled, force;
     Eigen::Matrix<T, Dim, Dim> turning;
@@ -168,6 +171,12 @@ class OrientedMomenta {
   std::vector<Element> turned_, candidates_;
   std::size_t turns_ = 0;
   mutable std::vector<T> by_component_;  ///< of a PaddedField
+  struct PenaltyScratch {
+    std::vector<T> forces;
+    std::vector<Index<Dim>> sites;
+    std::vector<std::vector<T>> planes;  ///< one for each thread, 0 between two calls
+  };
+  mutable PenaltyScratch penalty_;
 };
 
 }  // namespace saltus

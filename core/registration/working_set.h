@@ -149,6 +149,19 @@ class WorkingSet {
     std::vector<std::vector<std::uint32_t>> elements;
     std::vector<char> was_complete;  ///< by scale: all blocks were active
   };
+  struct BlockCount {
+    std::size_t all = 0, active = 0, staying = 0, joining = 0;
+    bool is_full = false;  ///< more want to join than there is room for
+    std::size_t idle() const { return active - staying; }
+    BlockCount& operator+=(const BlockCount& other) {
+      all += other.all;
+      active += other.active;
+      staying += other.staying;
+      joining += other.joining;
+      is_full = is_full || other.is_full;
+      return *this;
+    }
+  };
   void lay_out();
   void gather_factors();
   bool has_elements(std::size_t scale) const;
@@ -157,6 +170,8 @@ class WorkingSet {
   std::vector<std::vector<float>> sizes_of(std::size_t scale, const std::vector<T>& x) const;
   std::vector<std::vector<float>> reweighted(std::size_t scale, const std::vector<T>& x) const;
   void list_candidates(std::size_t scale, const std::vector<T>& x);
+  void mark_needed_blocks(MinimiserState<T>& state, std::vector<std::vector<char>>& wanted);
+  BlockCount count_blocks(std::size_t scale, const std::vector<std::vector<char>>& wanted) const;
   bool wanted_blocks(MinimiserState<T>& state, std::vector<std::vector<char>>& wanted);
   double pull_at(std::size_t field, std::size_t site, const T* gradient) const;
   double pull_of_block(std::size_t field, std::size_t block, const T* gradient) const;

@@ -62,7 +62,8 @@ std::vector<std::uint32_t> WorkingSet<Dim, T>::wanted_elements(const Oriented& o
     const std::size_t at = range.begin + (Dim - 1) * e;
     bool stays =
         range.weight == 0 || !is_zero(state.x.data() + at) || pulls(oriented.active[e], state.gradient.data() + at);
-    for (const CurvaturePair<T>& pair : state.pairs) stays = stays || !is_zero(pair.s.data() + at);
+    for (auto pair = state.pairs.begin(); !stays && pair != state.pairs.end(); ++pair)
+      stays = !is_zero(pair->s.data() + at);
     if (stays) staying.push_back(oriented.active[e]);
   }
   // Of those that pull side by side across an interface the one that pulls most joins.
@@ -149,25 +150,17 @@ std::size_t WorkingSet<Dim, T>::keep_out(std::size_t scale, std::size_t room, st
   return joining.size() - room;
 }
 
-/// Marks the blocks that have to be there: momenta that are, or were within the pairs, other than 0, and those that
-/// want to be. Whether these are not the ones that are; blocks that may leave stay marked while they are few.
+/// Marks the blocks whose momenta are other than 0 or want to be.
 template <int Dim, class T>
-bool WorkingSet<Dim, T>::wanted_blocks(MinimiserState<T>& state, std::vector<std::vector<char>>& wanted) {
-  wanted.assign(blocks_.size(), {});
-  std::size_t active = 0, idle = 0, joining = 0, kept_out = 0, all_blocks = 0;
-  bool is_full = false;
+void WorkingSet<Dim, T>::mark_needed_blocks(MinimiserState<T>& state, std::vector<std::vector<char>>& wanted) {
   for (std::size_t s = 0; s < scales_.size(); ++s) {
-    const FirstOrder& first = first_[s];
     const bool looks = looks_at_blocks(s);
-    std::size_t there = 0, stay = 0, join = 0;  // of this scale
-    for (int field = 0; field < first.fields; ++field) {
-      const std::size_t r = first.range + field;
-      const GroupSparsity& range = sparsity_[r];
+    for (int field = 0; field < first_[s].fields; ++field) {
+      const std::size_t r = first_[s].range + field;
       const BlockSet<Dim>& blocks = blocks_[r];
       std::vector<char>& needed = wanted[r];
-      needed.assign(blocks.blocks(), range.weight == 0);
-      blocks.mark_nonzero(state.x.data() + range.begin, needed);
-      for (const CurvaturePair<T>& pair : state.pairs) blocks.mark_nonzero(pair.s.data() + range.begin, needed);
+      needed.assign(blocks.blocks(), sparsity_[r].weight == 0);
+      blocks.mark_nonzero(state.x.data() + sparsity_[r].begin, needed);
       const T* gradient = gradient_at_all_sites(s, state.gradient) + field * scales_[s]->field_size();
       const std::size_t count = needed.size();
       std::vector<char> is_active(count, 0);
@@ -176,32 +169,64 @@ bool WorkingSet<Dim, T>::wanted_blocks(MinimiserState<T>& state, std::vector<std
       for (std::size_t block = 0; block < count; ++block)
         if (!needed[block] && (looks || is_active[block]))
           needed[block] = blocks.any_site(block, [&](std::size_t site) { return pull_at(r, site, gradient) > 1; });
-      const auto all = static_cast<std::size_t>(std::count(needed.begin(), needed.end(), 1));
-      std::size_t staying = 0;
-      for (std::uint32_t block : blocks.active()) staying += needed[block];
-      there += blocks.active().size();
-      stay += staying;
-      join += all - staying;
-      all_blocks += count;
     }
-    active += there;
-    idle += there - stay;
-    if (join > 0 && there + join > most_active_ && sparsity_[first.range].weight > 0) {
-      is_full = true;  // those that are 0 and want to stay so make room
-      if (stay + join > most_active_) {
-        const std::size_t left_out = keep_out(s, most_active_ - std::min(most_active_, stay), state.gradient, wanted);
-        join -= left_out;
-        kept_out += left_out;
-      }
-    }
-    joining += join;
   }
-  if (kept_out > 0)
-    kept_out_share_ = std::max(kept_out_share_, static_cast<double>(kept_out) / static_cast<double>(all_blocks));
-  const bool shrinks = idle > 0 && (is_full || 4 * idle >= active);
+}
+
+/// Of the blocks of a scale.
+template <int Dim, class T>
+auto WorkingSet<Dim, T>::count_blocks(std::size_t scale, const std::vector<std::vector<char>>& wanted) const
+    -> BlockCount {
+  const FirstOrder& first = first_[scale];
+  BlockCount count;
+  std::size_t marked = 0;
+  for (std::size_t r = first.range; r < first.range + first.fields; ++r) {
+    count.all += wanted[r].size();
+    count.active += blocks_[r].active().size();
+    marked += static_cast<std::size_t>(std::count(wanted[r].begin(), wanted[r].end(), 1));
+    for (std::uint32_t block : blocks_[r].active()) count.staying += wanted[r][block];
+  }
+  count.joining = marked - count.staying;
+  count.is_full = count.joining > 0 && count.active + count.joining > most_active_ && sparsity_[first.range].weight > 0;
+  return count;
+}
+
+/// Marks the blocks that have to be there: momenta that are, or were within the pairs, other than 0, and those that
+/// want to be. Whether these are not the ones that are; blocks that may leave stay marked while they are few.
+template <int Dim, class T>
+bool WorkingSet<Dim, T>::wanted_blocks(MinimiserState<T>& state, std::vector<std::vector<char>>& wanted) {
+  wanted.assign(blocks_.size(), {});
+  mark_needed_blocks(state, wanted);
+  const auto count_all = [&] {
+    BlockCount sum;
+    for (std::size_t s = 0; s < scales_.size(); ++s) sum += count_blocks(s, wanted);
+    return sum;
+  };
+  // Where blocks are full those that are 0 and want to stay so make room.
+  const auto may_leave = [](const BlockCount& count) { return count.is_full || 4 * count.idle() >= count.active; };
+  BlockCount count = count_all();
+  // Who is there within the pairs has reason to stay. That takes longest to find out, and mostly nobody may leave.
+  bool shrinks = may_leave(count);
+  if (shrinks) {
+    for (std::size_t r = 0; r < blocks_.size(); ++r)
+      for (const CurvaturePair<T>& pair : state.pairs)
+        blocks_[r].mark_nonzero(pair.s.data() + sparsity_[r].begin, wanted[r]);
+    std::size_t kept_out = 0;
+    for (std::size_t s = 0; s < scales_.size(); ++s) {
+      const BlockCount of_scale = count_blocks(s, wanted);
+      if (of_scale.is_full && of_scale.staying + of_scale.joining > most_active_)
+        kept_out += keep_out(s, most_active_ - std::min(most_active_, of_scale.staying), state.gradient, wanted);
+    }
+    if (kept_out > 0)
+      kept_out_share_ = std::max(kept_out_share_, static_cast<double>(kept_out) / static_cast<double>(count.all));
+    const bool was_full = count.is_full;
+    count = count_all();
+    count.is_full = was_full;
+    shrinks = count.idle() > 0 && may_leave(count);
+  }
   for (std::size_t r = 0; r < blocks_.size() && !shrinks; ++r)
     for (std::uint32_t block : blocks_[r].active()) wanted[r][block] = 1;
-  return joining > 0 || shrinks;
+  return count.joining > 0 || shrinks;
 }
 
 template <int Dim, class T>

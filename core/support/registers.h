@@ -183,6 +183,20 @@ template <int By, class T>
   }
 }
 
+/// Sum of the lanes: halves are added, then halves of these, and so on.
+template <class T, int Lanes = static_cast<int>(kRegisterLanes<T>)>
+[[gnu::always_inline]] inline T sum_of(const Register<T>& lanes) {
+  if constexpr (Lanes == 1) {
+    return lanes[0];
+  } else if constexpr (kHasRegisters) {
+    return sum_of<T, Lanes / 2>(lanes + shifted<Lanes / 2, T>(lanes, lanes));
+  } else {
+    Register<T> halves = lanes;
+    for (int i = 0; i < Lanes / 2; ++i) halves[i] += lanes[i + Lanes / 2];
+    return sum_of<T, Lanes / 2>(halves);
+  }
+}
+
 template <int From, class T, int... Lane>
 [[gnu::always_inline]] inline Register<T> every_second_lane(const Register<T>& low, const Register<T>& high,
                                                             std::integer_sequence<int, Lane...>) {

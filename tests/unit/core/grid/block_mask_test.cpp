@@ -3,8 +3,11 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
+#include <array>
 #include <set>
 
+#include "core/grid/interpolation.h"
 #include "tests/support/random_blocks.h"
 
 namespace saltus {
@@ -153,25 +156,36 @@ TEST(BlockMask, JoinsAndMeets) {
   expect_set_operations<3>();
 }
 
-TEST(BlockMask, MarksTheBlocksOfAllCornersOfACell) {
-  for (double x : {-1.0, 0.0, 2.9, 3.0, 3.2, 7.5, 11.0, 11.5, 40.0})
-    for (double y : {0.5, 3.5, 5.0, 7.2})
-      for (double z : {3.5, 8.0, 19.5, 21.0}) {
-        const Lattice<3> where = lattice<3>();
-        const LinearCell<3, double> cell(where, {x, y, z});
-        auto mask = BlockMask<3>::none(where);
-        mask.mark_cell(cell);
-        std::set<std::size_t> blocks;
-        for (int bits = 0; bits < 8; ++bits) {
-          const std::size_t site = cell.corner(bits);
-          const Index<3> index = {static_cast<int>(site % 13), static_cast<int>(site / 13 % 6),
-                                  static_cast<int>(site / 78)};
-          blocks.insert(block_of<3>(index, mask));
+TEST(BlockMask, MarksTheBlocksOfAllCornersOfCells) {
+  const Lattice<3> where = lattice<3>();
+  for (double y : {0.5, 3.5, 5.0, 7.2})
+    for (double z : {3.5, 8.0, 19.5, 21.0}) {
+      std::array<std::array<double, 12>, 3> points;
+      points[0] = {-1.0, 0.0, 2.9, 2.95, 3.0, 3.2, 7.5, 11.0, 11.5, 40.0, 6.5, 4.5};
+      points[1].fill(y);
+      points[2].fill(z);
+      points[2][7] = 4.5;  // one that lies elsewhere
+      for (int begin : {0, 3, 9})
+        for (int count : {1, 4, 10}) {
+          std::array<std::array<double, 12>, 3> some = points;
+          for (auto& along : some) std::rotate(along.begin(), along.begin() + begin, along.end());
+          auto mask = BlockMask<3>::none(where);
+          mask.mark_cells(where, some, count);
+          std::set<std::size_t> blocks;
+          for (std::size_t k = 0; k < static_cast<std::size_t>(count); ++k) {
+            const LinearCell<3, double> cell(where, {some[0][k], some[1][k], some[2][k]});
+            for (int bits = 0; bits < 8; ++bits) {
+              const std::size_t site = cell.corner(bits);
+              const Index<3> index = {static_cast<int>(site % 13), static_cast<int>(site / 13 % 6),
+                                      static_cast<int>(site / 78)};
+              blocks.insert(block_of<3>(index, mask));
+            }
+          }
+          each_site<3>(mask, [&](const Index<3>& index, std::size_t, bool in) {
+            ASSERT_EQ(in, blocks.count(block_of<3>(index, mask)) > 0);
+          });
         }
-        each_site<3>(mask, [&](const Index<3>& index, std::size_t, bool in) {
-          ASSERT_EQ(in, blocks.count(block_of<3>(index, mask)) > 0);
-        });
-      }
+    }
 }
 
 }  // namespace

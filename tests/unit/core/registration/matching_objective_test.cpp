@@ -9,6 +9,7 @@
 #include <limits>
 
 #include "core/flow/divergence_penalty.h"
+#include "core/grid/interpolation.h"
 #include "core/kernels/kernel_profile.h"
 #include "core/momenta/spread_normals.h"
 #include "core/registration/scales.h"

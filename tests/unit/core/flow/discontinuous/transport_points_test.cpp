@@ -6,6 +6,7 @@
 
 #include "core/flow/backward_map.h"
 #include "core/flow/geodesic_shooting.h"
+#include "core/grid/interpolation.h"
 #include "core/support/errors.h"
 
 #ifdef _OPENMP
