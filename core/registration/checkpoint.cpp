@@ -16,7 +16,7 @@ namespace {
 
 constexpr char kMagic[8] = {'S', 'A', 'L', 'T', 'U', 'S', 'C', 'P'};
 /// To be raised with every change of what is stored or of what is computed from it.
-constexpr std::uint32_t kVersion = 31;
+constexpr std::uint32_t kVersion = 32;
 
 struct Header {
   char magic[8];
@@ -137,6 +137,7 @@ void transfer_level(Stream& stream, Level& level) {
   stream(level.kept_out_share);
   stream(level.decision);
   stream(level.simple_shear);
+  stream(level.has_finer);
   stream(level.was_plain);
   stream(level.shear_before);
   stream(level.narrow_share);

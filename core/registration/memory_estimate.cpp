@@ -40,7 +40,10 @@ class RoundMemory {
         flow_(level_lattice(image, options.pyramid.finest_level + (smooth ? options.flow.coarsening : 0))) {
     count_images(static_cast<double>(moving_level_lattice(image, moving, options.pyramid.finest_level).sites()));
     count_flow();
-    for (int q = momenta_.finest_scale; q < momenta_.finest_scale + momenta_.scales; ++q) count_zeroth(q);
+    const bool may_be_finer = smooth && momenta_.finer_shear > 0;
+    const int finest =
+        may_be_finer ? std::min(momenta_.finest_scale, options.pyramid.finest_level) : momenta_.finest_scale;
+    for (int q = finest; q < momenta_.finest_scale + momenta_.scales; ++q) count_zeroth(q);
     for (int q = momenta_.first_order_finest_scale; is_first_at(q); ++q) {
       if (momenta_.orientations > 0) count_oriented(q);
       if (!(momenta_.orientations > 0 && is_zeroth_gaussian(options.model) && has_oriented_alone(momenta_)))

@@ -69,6 +69,7 @@ RegistrationOptions default_options(Model model, SimilarityType similarity, Pres
         // ssd follows noise: order 0 leaves the finest scale to order 1, which is sparse.
         o.momenta.first_order_scales = 2;
         o.momenta.finest_scale = -2;
+        if (model == Model::Auto) o.momenta.finer_shear = -1;
       }
       if (model == Model::Auto && (is_correlation || similarity == SimilarityType::Ssd)) {
         o.momenta.orientations = -1;

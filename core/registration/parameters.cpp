@@ -326,6 +326,12 @@ const std::vector<Parameter>& parameters() {
           "iterations of a level; 0: always waits, -1 (and nothing else below 0): twice first_order_shear where that "
           "is known to cost nothing, otherwise 0",
           [](O & o) -> auto& { return o.momenta.plain_shear; }),
+      real(
+          "finer_shear", "", -1, Lower::Inclusive, inf,
+          "where order 1 is left out on the finest level and order 0 ends at a coarser scale, order 0 gets the finer "
+          "ones as well, settles again, and order 1 takes part with so much simple shear; 0: no finer ones, -1 (and "
+          "nothing else below 0): by similarity and dimension",
+          [](O & o) -> auto& { return o.momenta.finer_shear; }),
       integer(
           "orientations", "", -1, 13,
           "normals that oriented momenta are turned from, so that interfaces that are not along an axis can slide: 4 "
@@ -529,14 +535,17 @@ std::vector<std::string> problems(const RegistrationOptions& options) {
     found.push_back(given_shear +
                     " and sparsity is 0, with which first orders always take part; set that above 0, or this to 0");
   const double plain = options.momenta.plain_shear;
-  if (plain > 0 && shear == 0)
-    found.push_back("parameter plain_shear is " + format(plain) +
-                    " and first_order_shear is 0, with which nothing is asked of order 0; set it to 0");
+  for (const auto& [name, asked] :
+       {std::pair("plain_shear", plain), std::pair("finer_shear", options.momenta.finer_shear)})
+    if (asked > 0 && shear == 0)
+      found.push_back("parameter " + std::string(name) + " is " + format(asked) +
+                      " and first_order_shear is 0, with which nothing is asked of order 0; set it to 0");
   const std::pair<const char*, double> measured[] = {
       {"oblique_share", options.momenta.oblique_share},
       {"narrow_width_shear", options.momenta.narrow_width_shear},
       {"divergence_weight", options.flow.divergence_weight},
       {"plain_shear", options.momenta.plain_shear},
+      {"finer_shear", options.momenta.finer_shear},
       {"round_tolerance", options.optimisation.round_tolerance},
       {"first_round_tolerance", options.optimisation.first_round_tolerance}};
   for (const auto& [name, value] : measured)

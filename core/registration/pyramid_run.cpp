@@ -35,6 +35,8 @@ Termination termination_of(MinimiseTermination termination) {
 /// round brings little: with 0 sliding takes 2.5 times as long on the brains, and beside slips the error is 3 % less.
 constexpr double kShareOfRoundsBefore = 0.4;
 
+constexpr SparsityRound kOrderZeroAlone{SparsityRound::Weights::Even, 1, false};
+
 /// Thrown by the evaluation hook when the caller wants the run to end, caught where the rounds are run.
 struct StopRequested {};
 
@@ -166,8 +168,8 @@ void PyramidRun<Dim>::begin_level(std::size_t step) {
   has_first_ = has_first_at(level);
   decides_ = decides_at(level);
   rounds_ = sparsity_rounds(options_.momenta, has_first_, has_found());
-  if (decides_ && !options_.momenta.first_order_waits)
-    rounds_.insert(rounds_.begin(), {SparsityRound::Weights::Even, 1, false});
+  if (decides_ && !options_.momenta.first_order_waits) rounds_.insert(rounds_.begin(), kOrderZeroAlone);
+  if (level_.has_finer) rounds_.insert(rounds_.begin(), kOrderZeroAlone);
 
   if (is_resumed_ && static_cast<std::size_t>(level_.rounds) > rounds_.size())
     throw InvalidInput("the checkpoint is damaged, it is of round " + std::to_string(level_.rounds) +
@@ -184,6 +186,7 @@ void PyramidRun<Dim>::begin_level(std::size_t step) {
   how_.optimality_tolerance = options_.optimisation.optimality_tolerance;
 
   if (has_first_ && (!decides_ || level_.decision == FirstOrderDecision::LetIn)) begin_beside_first_orders();
+  if (level_.has_finer && level_.decision != FirstOrderDecision::LetIn) begin_finer_scales();
 
   std::vector<Scalar>& momenta = reached_.minimiser.x;
   make_objective(rounds_[is_resumed_ ? level_.rounds - 1 : 0]);
@@ -252,8 +255,7 @@ void PyramidRun<Dim>::run_rounds() {
         objective_->working_set().restore_turned(reached_.turned_normals, reached_.turned_elements);
         is_resumed_ = false;
       } else {
-        if (round == 1 && decides_ && !first_orders_are_worth_it()) break;
-        if (round == 1 && !decides_ && !would_join()) break;
+        if (!goes_on(round)) break;
         begin_round(round);
       }
       minimise_round(round);
@@ -263,6 +265,22 @@ void PyramidRun<Dim>::run_rounds() {
     level_.termination = Termination::Stopped;
     if (!is_counted_) count_round();
   }
+}
+
+/// Before a round: whether it comes to that. With order 0 alone on its finest scales there is one more.
+template <int Dim>
+bool PyramidRun<Dim>::goes_on(std::size_t round) {
+  if (round == 0) return true;
+  if (!decides_) return round > 1 || would_join();
+  if (level_.decision == FirstOrderDecision::LetIn || first_orders_are_worth_it()) return true;
+  if (!may_be_finer()) return false;
+  level_.has_finer = true;
+  rounds_.insert(rounds_.begin(), kOrderZeroAlone);
+  now_.max_iterations += options_.optimisation.max_iterations;
+  begin_finer_scales();
+  make_objective(kOrderZeroAlone);
+  reached_.minimiser.x.resize(objective_->size(), Scalar(0));
+  return true;
 }
 
 template <int Dim>
@@ -295,7 +313,8 @@ void PyramidRun<Dim>::minimise_round(std::size_t round) {
     how_.tolerance =
         std::max(how_.tolerance, has_own ? optimisation.first_round_tolerance : optimisation.round_tolerance);
   // Order 0 that is about to be asked whether something slides, or that is all that the level has.
-  else if (round == 0 && (decides_ || !has_first_) && optimisation.look_tolerance > 0)
+  else if ((round == 0 || (round == 1 && level_.has_finer)) && (decides_ || !has_first_) &&
+           optimisation.look_tolerance > 0)
     how_.tolerance = std::min(how_.tolerance, optimisation.look_tolerance);
   how_.noise_tolerance = is_smooth(rounds_[round]) ? optimisation.noise_tolerance : 0;
   how_.decrease_before = 0;

@@ -66,6 +66,10 @@ class PyramidRun {
   double narrow_share() const;
   bool shows_slip(double least_shear);
   bool first_orders_are_worth_it();
+  bool may_be_finer() const;
+  void begin_finer_scales();
+  void end_finer_scales();
+  bool goes_on(std::size_t round);
   bool would_join();
   void begin_beside_first_orders();
   void begin_round(std::size_t round);

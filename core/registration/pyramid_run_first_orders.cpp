@@ -39,14 +39,45 @@ MinimiseSummary PyramidRun<Dim>::minimise_until_plain() {
 /// not wait begin where the level began.
 template <int Dim>
 bool PyramidRun<Dim>::first_orders_are_worth_it() {
-  const bool is_worth_it = level_.was_plain || shows_slip(options_.momenta.first_order_shear);
-  if (is_worth_it && !reached_.level_start.empty()) reached_.minimiser.x = std::move(reached_.level_start);
-  reached_.level_start.clear();
+  const RegistrationOptions::Momenta& asked = options_.momenta;
+  const bool is_worth_it =
+      level_.was_plain || shows_slip(level_.has_finer ? asked.finer_shear : asked.first_order_shear);
   level_.decision = is_worth_it ? FirstOrderDecision::LetIn : FirstOrderDecision::LeftOut;
+  if (is_worth_it && level_.has_finer) end_finer_scales();
+  if (is_worth_it && !reached_.level_start.empty()) reached_.minimiser.x = std::move(reached_.level_start);
+  if (is_worth_it || !may_be_finer()) reached_.level_start.clear();
   if (!is_worth_it) return false;
   begin_beside_first_orders();
   for (std::size_t step = step_; step < levels_.size(); ++step) meter_.expect(step, planned_work(levels_[step], true));
   return true;
+}
+
+/// Whether order 0, which stays alone, has left finer scales to first orders, and has to do without them for good: on
+/// the finest level.
+template <int Dim>
+bool PyramidRun<Dim>::may_be_finer() const {
+  return options_.momenta.finer_shear > 0 && !options_.momenta.first_order_waits && !level_.has_finer &&
+         step_ + 1 == levels_.size() && options_.momenta.finest_scale > levels_[step_];
+}
+
+/// Scales of which those of order 0 end where the level does. The finer ones come last in x.
+template <int Dim>
+void PyramidRun<Dim>::begin_finer_scales() {
+  objective_.reset();
+  active_.clear();
+  RegistrationOptions finer = options_;
+  finer.momenta.finest_scale = levels_[step_];
+  finer.momenta.scales += options_.momenta.finest_scale - levels_[step_];
+  scales_ = make_scales<Dim, Scalar>(pyramid_.fixed_lattice(), finer, directions_, narrow_share());
+}
+
+/// First orders take their place. They begin where the level did, when there were none.
+template <int Dim>
+void PyramidRun<Dim>::end_finer_scales() {
+  objective_.reset();
+  active_.clear();
+  scales_ = make_scales<Dim, Scalar>(pyramid_.fixed_lattice(), options_, directions_, narrow_share());
+  make_objective(rounds_[0]);
 }
 
 /// Where first orders waited and there are none yet: whether any wants to be there, with the least weight that is to
@@ -91,6 +122,9 @@ void PyramidRun<Dim>::begin_beside_first_orders() {
 }
 
 #define SALTUS_FIRST_ORDERS(DIM)                                    \
+  template bool PyramidRun<DIM>::may_be_finer() const;              \
+  template void PyramidRun<DIM>::begin_finer_scales();              \
+  template void PyramidRun<DIM>::end_finer_scales();                \
   template MinimiseSummary PyramidRun<DIM>::minimise_until_plain(); \
   template bool PyramidRun<DIM>::first_orders_are_worth_it();       \
   template bool PyramidRun<DIM>::would_join();                      \

@@ -23,6 +23,8 @@ constexpr FineWidth kFineWidth = Dim == 3 ? FineWidth{2, 0.008} : FineWidth{0.7,
 
 /// Of full_contrast: an image may be all but blank, and something has to hold momenta back.
 constexpr double kLeastCounted = 0.25;
+/// What tolerances count at least where it is low: core/measurements.md, "Pairs of L-BFGS".
+constexpr double kLeastLater = 0.7;
 
 /// As a report may show it.
 double in_few_digits(double value) {
@@ -38,7 +40,7 @@ bool is_fine(double reference_mm) { return 2 * reference_mm <= 3; }
 /// where it slides". With lncc first orders are dear in 3-D images and bring little where much else than shear is seen.
 double least_shear(int dimension, SimilarityType similarity) {
   if (dimension == 2) return 6;
-  return similarity == SimilarityType::Lncc ? 10.6 : 5.5;
+  return similarity == SimilarityType::Lncc ? 10.6 : similarity == SimilarityType::Ssd ? 4.9 : 5.5;
 }
 
 /// With lncc, beside first orders that were let in: what is sharp is theirs, and order 0 draws it out no more
@@ -54,6 +56,12 @@ double plain_shear(int dimension, const RegistrationOptions& options) {
                           momenta.regularisation_beside_first >= kStifferBesideFirst * momenta.regularisation;
   if (momenta.first_order_waits && !is_stiffer) return 0;
   return std::min(2 * momenta.first_order_shear, std::numeric_limits<double>::max());  // not infinite
+}
+
+/// With ssd in 3-D the same once order 0 has all scales. In 2-D a Gaussian of so many pixels follows noise, and smooth
+/// motion loses half; core/measurements.md, "Only where it slides".
+double finer_shear(int dimension, SimilarityType similarity) {
+  return dimension == 3 && similarity == SimilarityType::Ssd ? least_shear(dimension, similarity) : 0;
 }
 
 /// What a velocity has at least where order 0 needs narrow widths, see simple_shear; measured, core/measurements.md,
@@ -141,11 +149,12 @@ int usual_levels(const Lattice<Dim>& image, double reference_mm) {
 void resolve_scales(int dimension, double reference_mm, const RegistrationOptions& asked, RegistrationOptions& o) {
   const int finest = o.pyramid.finest_level;
   const bool is_coarse = are_momenta_coarse(dimension, o.model);
+  // Images that accurate takes finer than balanced are for seeing more, not for narrower kernels.
+  const bool sees_finer = o.preset == Preset::Accurate && asked.pyramid.finest_level < 0 && is_fine(reference_mm);
+  if (o.momenta.finer_shear < 0 && sees_finer) o.momenta.finer_shear = 0;
   if (o.momenta.finest_scale < 0) {
     int scale = finest - 1 - o.momenta.finest_scale;
-    // Images that accurate takes finer than balanced are for seeing more, not for narrower kernels. And a Gaussian of
-    // so many pixels holds far fewer samples than one of as many voxels, and follows their noise.
-    const bool sees_finer = o.preset == Preset::Accurate && asked.pyramid.finest_level < 0 && is_fine(reference_mm);
+    // A Gaussian of so many pixels holds far fewer samples than one of as many voxels, and follows their noise.
     if ((dimension == 2 || sees_finer) && is_zeroth_gaussian(o.model) && o.similarity != SimilarityType::Ssd)
       scale = std::max(scale, 1);
     if (is_coarse) scale = std::max(scale, 1);
@@ -239,11 +248,16 @@ void follow_contrast(double contrast, double noise, RegistrationOptions& o) {
   // Where rounds go on from the pairs of the one before, that is so for the first one of a level alone, which has none.
   RegistrationOptions::Optimisation& how = o.optimisation;
   const double of_motion = in_few_digits(how.round_tolerance * share(counted * counted));
+  // The others end a little later.
   if (!how.keep_pairs) {
     how.round_tolerance = of_motion;
-  } else if (how.first_round_tolerance < 0) {
+  } else {
     const double enough = in_few_digits(how.tolerance / std::sqrt(share(counted)));
-    how.first_round_tolerance = std::min(how.round_tolerance, std::max(of_motion, enough));
+    const double later = std::max(kLeastLater, share(counted));
+    how.tolerance = in_few_digits(how.tolerance * later);
+    how.round_tolerance = in_few_digits(how.round_tolerance * later);
+    if (how.first_round_tolerance < 0)
+      how.first_round_tolerance = std::min(how.round_tolerance, std::max(of_motion, enough));
   }
   if (o.momenta.regularisation_beside_first == 0)
     o.momenta.regularisation_beside_first = in_few_digits(o.momenta.regularisation * share(counted));
@@ -274,7 +288,8 @@ RegistrationOptions resolved(const RegistrationOptions& options, const Lattice<D
       o.momenta.regularisation_beside_first == 0)
     o.momenta.regularisation_beside_first = kStifferBesideFirst * o.momenta.regularisation;
   if (o.momenta.plain_shear < 0) o.momenta.plain_shear = plain_shear(Dim, o);
-  if (o.momenta.first_order_shear == 0) o.momenta.plain_shear = 0;  // order 0 is not asked
+  if (o.momenta.finer_shear < 0) o.momenta.finer_shear = finer_shear(Dim, o.similarity);
+  if (o.momenta.first_order_shear == 0) o.momenta.plain_shear = o.momenta.finer_shear = 0;  // order 0 is not asked
   return o;
 }
 

@@ -49,6 +49,7 @@ void expect_same_bits(const RegistrationResult<Dim>& a, const RegistrationResult
     EXPECT_EQ(one.decision, other.decision);
     EXPECT_EQ(one.simple_shear, other.simple_shear);
     EXPECT_EQ(one.oriented_elements, other.oriented_elements);
+    EXPECT_EQ(one.has_finer, other.has_finer);
     EXPECT_EQ(one.shear_before, other.shear_before);
     EXPECT_EQ(one.narrow_share, other.narrow_share);
     EXPECT_EQ(one.map_steps, other.map_steps);

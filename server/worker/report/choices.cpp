@@ -65,7 +65,7 @@ std::string measured_from(const std::string& name, const ReportInput<Dim>& input
   }
   if (name == "most_active_share") return "from the model and the dimension; it bounds the memory that a job declares";
   if (name == "kernel_widths") return "from the model, the similarity and the noise on the finest level";
-  if (name == "regularisation" || name == "first_order_shear" || name == "oblique_share" ||
+  if (name == "regularisation" || name == "first_order_shear" || name == "finer_shear" || name == "oblique_share" ||
       name == "oriented_sparsity" || name == "divergence_weight")
     return "from the similarity and the dimension, for which it was measured";
   if (name == "plain_shear")
@@ -173,12 +173,17 @@ std::vector<Choice> choices(const ReportInput<Dim>& input) {
     if (level.decision == FirstOrderDecision::None) continue;
     const RegistrationOptions::Momenta& asked = input.result->options.momenta;
     const bool is_in = level.decision == FirstOrderDecision::LetIn;
-    const bool shows = level.simple_shear >= asked.first_order_shear;
+    const double least = level.was_plain   ? asked.plain_shear
+                         : level.has_finer ? asked.finer_shear
+                                           : asked.first_order_shear;
+    const bool shows = level.simple_shear >= least;
     found.push_back({"level " + std::to_string(level.level) + ": first-order momenta", is_in ? "let in" : "left out",
                      "",
-                     std::string(level.was_plain ? "before order 0 had settled" : "with order 0 settled") +
+                     std::string(level.was_plain   ? "before order 0 had settled"
+                                 : level.has_finer ? "with order 0 settled on finer scales of its own"
+                                                   : "with order 0 settled") +
                          " the simple shear of its velocity was " + number(level.simple_shear) +
-                         " (asked: " + number(level.was_plain ? asked.plain_shear : asked.first_order_shear) + "): " +
+                         " (asked: " + number(least) + "): " +
                          (is_in   ? "something slides"
                           : shows ? "something slides, but none of them wanted to join"
                                   : "nothing slides so much that they are worth their time"),

@@ -99,7 +99,8 @@ Json describe(const LevelSummary& level) {
   if (level.decision != FirstOrderDecision::None)
     json["first_order_momenta"] = {{"let_in", level.decision == FirstOrderDecision::LetIn},
                                    {"simple_shear", level.simple_shear},
-                                   {"was_plain", level.was_plain}};
+                                   {"was_plain", level.was_plain},
+                                   {"finer_order_0", level.has_finer}};
   if (level.kept_out_share > 0) json["kept_out_block_share"] = level.kept_out_share;
   if (level.shear_before >= 0)
     json["narrow_widths"] = {{"share", level.narrow_share}, {"simple_shear_before", level.shear_before}};
