@@ -292,7 +292,7 @@ const std::vector<Parameter>& parameters() {
           "with ssd: where the fixed image's root mean square gradient over a voxel of the finest level is a share of "
           "this, sparsity counts its square, order 0 beside first orders that share, and so does oriented_width where "
           "none is given, the less the more noise there is; a quarter at least; rounds go on for longer, see "
-          "round_tolerance and first_round_tolerance; 0: they do not follow it",
+          "tolerance, round_tolerance and first_round_tolerance; 0: they do not follow it",
           [](O & o) -> auto& { return o.momenta.full_contrast; }),
       integer(
           "sparsity_path", "", 1, 12,
@@ -448,7 +448,8 @@ const std::vector<Parameter>& parameters() {
           [](O & o) -> auto& { return o.optimisation.max_iterations; }),
       real(
           "tolerance", "", 0, Lower::Inclusive, 1,
-          "a level ends when five iterations give less than this share of its decrease",
+          "a level ends when five iterations give less than this share of its decrease; with keep_pairs it counts the "
+          "contrast, see full_contrast, 0.56 at least",
           [](O & o) -> auto& { return o.optimisation.tolerance; }),
       real(
           "round_tolerance", "", -1, Lower::Inclusive, 1,

@@ -23,8 +23,8 @@ constexpr FineWidth kFineWidth = Dim == 3 ? FineWidth{2, 0.008} : FineWidth{0.7,
 
 /// Of full_contrast: an image may be all but blank, and something has to hold momenta back.
 constexpr double kLeastCounted = 0.25;
-/// What tolerances count at least where it is low: core/measurements.md, "Pairs of L-BFGS".
-constexpr double kLeastLater = 0.7;
+/// What the tolerance of a level's last round counts at least: core/measurements.md, "Pairs of L-BFGS".
+constexpr double kLeastTolerance = 0.56;
 
 /// As a report may show it.
 double in_few_digits(double value) {
@@ -248,14 +248,12 @@ void follow_contrast(double contrast, double noise, RegistrationOptions& o) {
   // Where rounds go on from the pairs of the one before, that is so for the first one of a level alone, which has none.
   RegistrationOptions::Optimisation& how = o.optimisation;
   const double of_motion = in_few_digits(how.round_tolerance * share(counted * counted));
-  // The others end a little later.
+  // The last ones end later.
   if (!how.keep_pairs) {
     how.round_tolerance = of_motion;
   } else {
     const double enough = in_few_digits(how.tolerance / std::sqrt(share(counted)));
-    const double later = std::max(kLeastLater, share(counted));
-    how.tolerance = in_few_digits(how.tolerance * later);
-    how.round_tolerance = in_few_digits(how.round_tolerance * later);
+    how.tolerance = in_few_digits(how.tolerance * std::max(kLeastTolerance, share(counted)));
     if (how.first_round_tolerance < 0)
       how.first_round_tolerance = std::min(how.round_tolerance, std::max(of_motion, enough));
   }

@@ -72,7 +72,8 @@ std::string measured_from(const std::string& name, const ReportInput<Dim>& input
     return "twice first_order_shear where order 0 need not settle first: by the similarity, the dimension and its "
            "weight "
            "beside first orders";
-  if (name == "first_round_tolerance") return "from the fixed image's contrast and noise (full_contrast)";
+  if (name == "first_round_tolerance" || name == "tolerance")
+    return "from the fixed image's contrast and noise (full_contrast)";
   if (name == "round_tolerance")
     return input.options->momenta.full_contrast > 0 && input.options->optimisation.round_tolerance >= 0
                ? "from the fixed image's contrast and noise (full_contrast)"

@@ -93,14 +93,15 @@ TEST(AutoChoices, RefusesWhatIsBelowNothingButStandsForNoMeasure) {
   options.momenta.narrow_width_shear = -0.25;
   options.flow.divergence_weight = -0.75;
   options.momenta.plain_shear = -2;
+  options.momenta.finer_shear = -0.375;
   options.optimisation.round_tolerance = -0.125;
   options.optimisation.first_round_tolerance = -0.25;
-  EXPECT_THAT(
-      problems(options),
-      ::testing::UnorderedElementsAre(
-          ::testing::HasSubstr("oblique_share is -0.5"), ::testing::HasSubstr("narrow_width_shear is -0.25"),
-          ::testing::HasSubstr("divergence_weight is -0.75"), ::testing::HasSubstr("plain_shear is -2"),
-          ::testing::HasSubstr(" round_tolerance is -0.125"), ::testing::HasSubstr("first_round_tolerance is -0.25")));
+  EXPECT_THAT(problems(options),
+              ::testing::UnorderedElementsAre(
+                  ::testing::HasSubstr("oblique_share is -0.5"), ::testing::HasSubstr("narrow_width_shear is -0.25"),
+                  ::testing::HasSubstr("divergence_weight is -0.75"), ::testing::HasSubstr("plain_shear is -2"),
+                  ::testing::HasSubstr("finer_shear is -0.375"), ::testing::HasSubstr(" round_tolerance is -0.125"),
+                  ::testing::HasSubstr("first_round_tolerance is -0.25")));
 }
 
 TEST(AutoChoices, HasOrientedMomentaOnlyWhereTheyAreCarried) {

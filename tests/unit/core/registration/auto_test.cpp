@@ -282,6 +282,37 @@ TEST(AutoModel, HasNarrowElementsIn3d) {
   }
 }
 
+// Order 0 with ssd has wide kernels beside first orders. Where it stays alone it gets narrower ones, and then sees what
+// slides on a body that is smaller than the wide ones. Oracles: the true motion; sliding, and order 0 as it was.
+TEST(AutoModel, GivesOrder0ThatStaysAloneFinerScales) {
+  RegistrationOptions options = default_options(Model::Auto, SimilarityType::Ssd, Preset::Balanced), wide = options;
+  wide.momenta.finer_shear = 0;
+  PhantomOptions scene = default_phantom_options(PhantomKind::Slip, 3);
+  scene.size = {80, 80, 80};
+  scene.interface = InterfaceShape::Circle;
+  scene.radius_mm = 18;
+  scene.noise = 0.05;
+  const Phantom<3> body = make_phantom<3>(scene);
+  const Outcome found = outcome_of(body, options), before = outcome_of(body, wide);
+  const Outcome full = outcome_of(body, default_options(Model::Sliding, SimilarityType::Ssd, Preset::Balanced));
+  EXPECT_EQ(before.decision, FirstOrderDecision::LeftOut);
+  EXPECT_EQ(found.decision, FirstOrderDecision::LetIn);
+  EXPECT_LT(found.error_mm, 0.6 * before.error_mm);
+  EXPECT_LT(found.error_mm, 1.02 * full.error_mm);
+
+  scene = default_phantom_options(PhantomKind::Smooth, 3);
+  scene.size = {64, 64, 64};
+  scene.displacement_mm = 6;
+  scene.noise = 0.01;
+  const Phantom<3> smooth = make_phantom<3>(scene);
+  const LevelSummary finest = register_images<3>(pair_of(smooth), options).summary.levels.back();
+  EXPECT_TRUE(finest.has_finer);
+  EXPECT_EQ(finest.decision, FirstOrderDecision::LeftOut);
+  EXPECT_EQ(finest.rounds, 2);
+  EXPECT_LT(outcome_of(smooth, options).error_mm,
+            1.02 * outcome_of(smooth, default_options(Model::Sliding, SimilarityType::Ssd, Preset::Balanced)).error_mm);
+}
+
 // With lncc in 3-D order 0 is as wide as the motion is smooth. Oracles: the true motion; sliding, and all widths as
 // they are.
 TEST(AutoModel, CountsNarrowWidthsWhereSomethingIsSharp) {

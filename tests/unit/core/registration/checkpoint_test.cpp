@@ -249,6 +249,26 @@ TEST(Checkpoint, ResumesWhereOrder0HasAnotherWeightBesideFirstOrdersWithTheSameE
   }
 }
 
+// Order 0 that is left alone on the finest level gets scales of its own, and gives them up where something slides after
+// all.
+TEST(Checkpoint, ResumesWhereOrder0HasFinerScalesWithTheSameEnd) {
+  for (double shear : {1e-9, 1e9}) {
+    SCOPED_TRACE(shear);
+    RegistrationOptions options = quick();
+    options.optimisation.max_iterations = 4;
+    options.momenta.finest_scale = 1;
+    options.momenta.sparsity = 1e-5;
+    options.momenta.first_order_shear = 1e9;
+    options.momenta.finer_shear = shear;
+    const RegistrationResult<2> whole = register_images<2>(plane(), options);
+    const LevelSummary& finest = whole.summary.levels.back();
+    ASSERT_TRUE(finest.has_finer);
+    ASSERT_FALSE(whole.summary.levels.front().has_finer);
+    ASSERT_EQ(finest.decision, shear < 1 ? FirstOrderDecision::LetIn : FirstOrderDecision::LeftOut);
+    resumes_anywhere<2>(plane(), options);
+  }
+}
+
 // What narrow widths count is found on the level before the finest scale begins, and is of all that come after, until
 // first orders are let in.
 TEST(Checkpoint, ResumesWhereNarrowWidthsCountLessWithTheSameEnd) {

@@ -105,11 +105,33 @@ TEST(ResolvedOptions, AskOfFirstOrdersWhatWasMeasured) {
   };
   EXPECT_EQ(asked_of(SimilarityType::Ssd, plane(1)), 6);
   EXPECT_EQ(asked_of(SimilarityType::Lncc, plane(1)), 6);
-  EXPECT_EQ(asked_of(SimilarityType::Ssd, block(2)), 5.5);
+  EXPECT_EQ(asked_of(SimilarityType::Ncc, block(2)), 5.5);
+  EXPECT_EQ(asked_of(SimilarityType::Ssd, block(2)), 4.9);
   EXPECT_EQ(asked_of(SimilarityType::Lncc, block(2)), 10.6);
   RegistrationOptions asked = automatic(SimilarityType::Ssd);
   asked.momenta.first_order_shear = 0.25;
   EXPECT_EQ(resolved(asked, plane(1)).momenta.first_order_shear, 0.25);
+}
+
+TEST(ResolvedOptions, GiveOrder0ThatStaysAloneFinerScalesWhereThatWasMeasured) {
+  const auto asked_of = [](const RegistrationOptions& asked, const auto& image) {
+    return resolved(asked, image).momenta.finer_shear;
+  };
+  RegistrationOptions asked = automatic(SimilarityType::Ssd);
+  EXPECT_EQ(asked_of(asked, block(1)), resolved(asked, block(1)).momenta.first_order_shear);
+  EXPECT_EQ(asked_of(asked, plane(1)), 0);
+  EXPECT_EQ(asked_of(automatic(SimilarityType::Ncc), block(1)), 0);
+  EXPECT_EQ(asked_of(default_options(Model::Sliding, SimilarityType::Ssd, Preset::Balanced), block(1)), 0);
+  // What accurate takes at full resolution it takes to see more, unless somebody wants it there.
+  RegistrationOptions accurate = automatic(SimilarityType::Ssd, Preset::Accurate);
+  EXPECT_EQ(asked_of(accurate, block(1)), 0);
+  EXPECT_GT(asked_of(accurate, block(2)), 0);
+  accurate.pyramid.finest_level = 0;
+  EXPECT_GT(asked_of(accurate, block(1)), 0);
+  asked.momenta.finer_shear = 0.25;
+  EXPECT_EQ(asked_of(asked, plane(1)), 0.25);
+  asked.momenta.first_order_shear = 0;
+  EXPECT_EQ(asked_of(asked, plane(1)), 0) << "nothing is asked of order 0";
 }
 
 TEST(ResolvedOptions, GiveLnccWiderWindowsInThePlane) {
@@ -190,7 +212,8 @@ TEST(ResolvedOptions, FollowALowContrastWithSsd) {
 
 // Half the contrast: without pairs to begin with a round has to go on until four times less is gained. Where these are
 // kept, that is so for the first round of a level alone, down to the level's own tolerance over the root of a half, and
-// never sooner than the other rounds. The part of all this that is due to noise stays.
+// never sooner than the other rounds; the last one has a smaller tolerance. The part of all this that is due to noise
+// stays.
 TEST(ResolvedOptions, FollowALowContrastWithTheEndsOfRounds) {
   RegistrationOptions asked = automatic(SimilarityType::Ssd);
   ASSERT_TRUE(asked.optimisation.keep_pairs);
@@ -203,7 +226,9 @@ TEST(ResolvedOptions, FollowALowContrastWithTheEndsOfRounds) {
   EXPECT_NEAR(at(0.8).first_round_tolerance, 0.08 * 0.64, 1e-5);
   EXPECT_NEAR(at(0.5).first_round_tolerance, 0.02 * std::sqrt(2), 1e-5);
   EXPECT_EQ(at(0.5).round_tolerance, 0.08);
-  EXPECT_EQ(at(0.5).tolerance, 0.02);
+  EXPECT_NEAR(at(0.5).tolerance, 0.56 * 0.02, 1e-5);
+  EXPECT_NEAR(at(0.8).tolerance, 0.8 * 0.02, 1e-5);
+  EXPECT_EQ(at(1).tolerance, 0.02);
   // The level's noise is ssd_residual then: half of what counts is due to it.
   const double noise =
       asked.similarity_parameters.ssd_residual / noise_of_level(1.0, block(1), level_lattice(block(1), 1));

@@ -173,6 +173,14 @@ TEST(Choices, TellWhetherFirstOrderMomentaWereLetInAndWhy) {
   EXPECT_THAT(line(), Contains(AllOf(named, Field(&Choice::why, HasSubstr("before order 0 had settled the simple shear "
                                                                           "of its velocity was 12.5 (asked: 9.5): "
                                                                           "something slides")))));
+  level.was_plain = false;
+  level.has_finer = true;
+  scene.result.options.momenta.finer_shear = 14.5;
+  level.decision = FirstOrderDecision::LeftOut;
+  EXPECT_THAT(
+      line(),
+      Contains(AllOf(named, Field(&Choice::why, HasSubstr("with order 0 settled on finer scales of its own the simple "
+                                                          "shear of its velocity was 12.5 (asked: 14.5): nothing")))));
 }
 
 TEST(Choices, TellWhatNarrowWidthsCountAndWhy) {

@@ -54,9 +54,10 @@ TEST(ReportJson, TellsWhatALevelDecidedOnFirstOrderMomenta) {
   level.simple_shear = 1.75;
   for (bool is_in : {true, false}) {
     level.was_plain = is_in;
+    level.has_finer = !is_in;
     level.decision = is_in ? FirstOrderDecision::LetIn : FirstOrderDecision::LeftOut;
     EXPECT_EQ(json::parse(json_of(scene.report))["levels"][0]["first_order_momenta"],
-              json({{"let_in", is_in}, {"simple_shear", 1.75}, {"was_plain", is_in}}));
+              json({{"let_in", is_in}, {"simple_shear", 1.75}, {"was_plain", is_in}, {"finer_order_0", !is_in}}));
   }
 }
 
