@@ -242,12 +242,13 @@ void OrientedMomenta<Dim, T>::add_forces(const Orientation& orientation, std::sp
   const std::size_t parts = 1;
 #endif
   penalty_.planes.resize(std::max(parts, penalty_.planes.size()));
+  for (std::vector<T>& field : penalty_.planes)  // 0 whenever nobody is at work on it
+    field.resize(std::max(field.size(), kComponents * plane), T(0));
 #pragma omp parallel for schedule(static, 1)
   for (std::size_t part = 0; part < parts; ++part) {
     const std::size_t part_begin = sites.size() * part / parts, part_end = sites.size() * (part + 1) / parts;
     if (part_begin == part_end) continue;
-    std::vector<T>& field = penalty_.planes[part];  // 0 whenever nobody is at work on it
-    field.resize(std::max(field.size(), kComponents * plane), T(0));
+    std::vector<T>& field = penalty_.planes[part];
     const auto lay_out = [&](std::size_t e, auto value) {
       T* to = field.data() + row * static_cast<std::size_t>(sites[e][1]) +
               static_cast<std::size_t>(sites[e][0] + orientation.reach[0]);

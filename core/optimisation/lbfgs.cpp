@@ -55,7 +55,7 @@ double add_and_dot(double factor, const std::vector<Stored<T>>& terms, const std
   T* to = sum.data();
   return ordered_sum(sum.size(), [=](std::size_t i) {
     to[i] += f * static_cast<T>(term[i]);
-    return static_cast<T>(weight[i]) * to[i];  // of which one has 8 binary digits
+    return static_cast<T>(weight[i]) * to[i];  // of floats one has 8 binary digits
   });
 }
 

@@ -43,6 +43,7 @@ class RoundMemory {
     const bool may_be_finer = smooth && momenta_.finer_shear > 0;
     const int finest =
         may_be_finer ? std::min(momenta_.finest_scale, options.pyramid.finest_level) : momenta_.finest_scale;
+    finest_zeroth_ = finest;
     for (int q = finest; q < momenta_.finest_scale + momenta_.scales; ++q) count_zeroth(q);
     for (int q = momenta_.first_order_finest_scale; is_first_at(q); ++q) {
       if (momenta_.orientations > 0) count_oriented(q);
@@ -129,7 +130,7 @@ class RoundMemory {
     // join take part, with values and gradients of their own. What is transported has axes and duals beside.
     const int points =
         is_carried_ ? OrientedMomenta<Dim, float>::kCornerValues : ElementTransport<Dim, float>::kPointValues;
-    bytes_ += elements * ((2 * steps + 3) * points + 2 * (Dim - 1) + 2) * kScalar;
+    bytes_ += elements * ((2 * steps + 3) * points + 3 * (Dim - 1) + Dim) * kScalar;
     if (!is_carried_) bytes_ += elements * (2 * sizeof(TransportedElement<Dim, float>) + (Dim + 1) * kVector<Dim>);
     kept_ += sites * kVector<Dim> + static_cast<double>(sizeof(JumpElement<Dim>)) * elements;
     // Without fields beside them, their velocity on the way to the flow's lattice.
@@ -178,10 +179,14 @@ class RoundMemory {
   void count_threads() {
     const int threads = options_.threads > 0 ? options_.threads : threads_of_loop(level_.sites());
     if (Dim == 3) {
-      const Lattice<Dim> largest =
-          level_lattice(image_, momenta_.finest_scale + (smooth_ ? options_.flow.coarsening : 0));
+      const Lattice<Dim> largest = level_lattice(image_, finest_zeroth_ + (smooth_ ? options_.flow.coarsening : 0));
       const double plane = sites_of(largest) / largest.size[Dim - 1] * kVector<Dim>;
       bytes_ += threads * std::max(plane, 512.0 * 1024);
+    }
+    // A plane of momenta for their penalty, whose rows end with a row of taps.
+    if (!smooth_ && momenta_.orientations > 0) {
+      const Lattice<Dim> elements = level_lattice(image_, momenta_.first_order_finest_scale);
+      bytes_ += threads * (Dim - 1) * (elements.size[0] + 64.0) * elements.size[1] * kScalar;
     }
     bytes_ += similarity_tables(options_.similarity, options_.similarity_parameters, threads);
   }
@@ -207,6 +212,7 @@ class RoundMemory {
   const Lattice<Dim> level_, flow_;
   double bytes_ = 0, kept_ = 0;
   double unknowns_ = 0, zeroth_ = 0;  ///< momenta, and those of order 0
+  int finest_zeroth_ = 0;             ///< scale
 };
 
 }  // namespace

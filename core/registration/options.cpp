@@ -150,7 +150,7 @@ RegistrationOptions default_options(Model model, SimilarityType similarity, Pres
     o.momenta.full_contrast = 0.04;
   }
   if (similarity == SimilarityType::Ssd && o.momenta.first_order_scales > 0)
-    o.optimisation.round_tolerance = model == Model::Auto ? 0.07 : 0.1;
+    o.optimisation.round_tolerance = model == Model::Auto ? 0.08 : 0.1;
   if (similarity != SimilarityType::Ssd) {
     // A short run loses nothing on the liver images (core/measurements.md, "Stopping").
     o.optimisation.tolerance = preset == Preset::Fast ? 5e-2 : preset == Preset::Balanced ? 2.5e-2 : 5e-3;

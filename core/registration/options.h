@@ -84,9 +84,9 @@ struct RegistrationOptions {
     /// With so much of it early on a level order 0 need not settle first; 0: it always does; -1: what was measured
     /// (core/measurements.md, "Only where it slides").
     double plain_shear = 0;
-    /// Where first orders were left out on the finest level and order 0 has left its finest scales to them, it gets
-    /// these as well, settles again and lets first orders in with so much simple shear; 0: it does not; -1: what was
-    /// measured (core/measurements.md, "Only where it slides").
+    /// Where first orders that do not wait were left out on the finest level and order 0 ends at a coarser scale, it
+    /// gets the finer ones as well, settles again and lets first orders in with so much simple shear; 0: it does not;
+    /// -1: what was measured (core/measurements.md, "Only where it slides").
     double finer_shear = 0;
     int orientations = 0;          ///< normals that oriented momenta are turned from; 0: there are none of these; -1:
                                    ///< 8 in 2-D and 9 in 3-D, none where there can be none

@@ -330,7 +330,7 @@ const std::vector<Parameter>& parameters() {
           "finer_shear", "", -1, Lower::Inclusive, inf,
           "where order 1 is left out on the finest level and order 0 ends at a coarser scale, order 0 gets the finer "
           "ones as well, settles again, and order 1 takes part with so much simple shear; 0: no finer ones, -1 (and "
-          "nothing else below 0): by similarity and dimension",
+          "nothing else below 0): that of first_order_shear or 0, by similarity, dimension, preset and voxels",
           [](O & o) -> auto& { return o.momenta.finer_shear; }),
       integer(
           "orientations", "", -1, 13,
@@ -448,8 +448,8 @@ const std::vector<Parameter>& parameters() {
           [](O & o) -> auto& { return o.optimisation.max_iterations; }),
       real(
           "tolerance", "", 0, Lower::Inclusive, 1,
-          "a level ends when five iterations give less than this share of its decrease; with keep_pairs it counts the "
-          "contrast, see full_contrast, 0.56 at least",
+          "a level ends when five iterations give less than this share of its decrease; with ssd and keep_pairs it "
+          "counts the contrast, see full_contrast, 0.56 at least",
           [](O & o) -> auto& { return o.optimisation.tolerance; }),
       real(
           "round_tolerance", "", -1, Lower::Inclusive, 1,
@@ -541,6 +541,9 @@ std::vector<std::string> problems(const RegistrationOptions& options) {
     if (asked > 0 && shear == 0)
       found.push_back("parameter " + std::string(name) + " is " + format(asked) +
                       " and first_order_shear is 0, with which nothing is asked of order 0; set it to 0");
+  if (options.momenta.finer_shear > 0 && options.momenta.first_order_waits)
+    found.push_back("parameter finer_shear is " + format(options.momenta.finer_shear) +
+                    " and first_order_waits is true, with which order 0 has all of its scales; set it to 0");
   const std::pair<const char*, double> measured[] = {
       {"oblique_share", options.momenta.oblique_share},
       {"narrow_width_shear", options.momenta.narrow_width_shear},

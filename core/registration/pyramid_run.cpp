@@ -275,6 +275,7 @@ bool PyramidRun<Dim>::goes_on(std::size_t round) {
   if (level_.decision == FirstOrderDecision::LetIn || first_orders_are_worth_it()) return true;
   if (!may_be_finer()) return false;
   level_.has_finer = true;
+  level_.decision = FirstOrderDecision::None;  // that is yet to come
   rounds_.insert(rounds_.begin(), kOrderZeroAlone);
   now_.max_iterations += options_.optimisation.max_iterations;
   begin_finer_scales();
@@ -434,8 +435,9 @@ bool PyramidRun<Dim>::accept(const MinimiseStep& taken) {
 /// until it is known.
 template <int Dim>
 void PyramidRun<Dim>::expect_of_level() {
-  const bool is_alone = decides_ && level_.rounds == 1;
-  const auto rounds_left = is_alone ? 0.25 : static_cast<double>(rounds_.size()) - level_.rounds;
+  const bool is_alone = decides_ && level_.decision != FirstOrderDecision::LetIn;
+  const double left_alone = may_be_finer() ? 1 : 0.25;
+  const auto rounds_left = is_alone ? left_alone : static_cast<double>(rounds_.size()) - level_.rounds;
   // Blocks that join may keep an energy going that had settled.
   const bool may_join = rounds_[static_cast<std::size_t>(level_.rounds) - 1].lets_blocks_join && objective_->has_more();
   const double least = may_join ? std::min(5, how_.max_iterations - reached_.minimiser.iterations()) : 0;

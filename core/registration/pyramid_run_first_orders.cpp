@@ -56,8 +56,8 @@ bool PyramidRun<Dim>::first_orders_are_worth_it() {
 /// the finest level.
 template <int Dim>
 bool PyramidRun<Dim>::may_be_finer() const {
-  return options_.momenta.finer_shear > 0 && !options_.momenta.first_order_waits && !level_.has_finer &&
-         step_ + 1 == levels_.size() && options_.momenta.finest_scale > levels_[step_];
+  return options_.momenta.finer_shear > 0 && !options_.momenta.first_order_waits && !level_.has_finer && !is_blank_ &&
+         narrow_share() == 1 && step_ + 1 == levels_.size() && options_.momenta.finest_scale > levels_[step_];
 }
 
 /// Scales of which those of order 0 end where the level does. The finer ones come last in x.
@@ -118,7 +118,7 @@ void PyramidRun<Dim>::begin_beside_first_orders() {
   // No first-order momentum is other than 0 yet. Those of a checkpoint have been changed.
   if (!is_resumed_)
     for (Scalar& value : reached_.minimiser.x) value *= static_cast<Scalar>(beside / alone);
-  if (has_objective) make_objective(rounds_[1]);
+  if (has_objective) make_objective(rounds_[level_.has_finer ? 2 : 1]);
 }
 
 #define SALTUS_FIRST_ORDERS(DIM)                                    \

@@ -23,8 +23,8 @@ constexpr FineWidth kFineWidth = Dim == 3 ? FineWidth{2, 0.008} : FineWidth{0.7,
 
 /// Of full_contrast: an image may be all but blank, and something has to hold momenta back.
 constexpr double kLeastCounted = 0.25;
-/// What the tolerance of a level's last round counts at least: core/measurements.md, "Pairs of L-BFGS".
-constexpr double kLeastTolerance = 0.56;
+/// What tolerances count at least, and those of rounds that others follow: core/measurements.md, "Sparsity".
+constexpr double kLeastTolerance = 0.56, kLeastRoundTolerance = 0.875;
 
 /// As a report may show it.
 double in_few_digits(double value) {
@@ -60,8 +60,9 @@ double plain_shear(int dimension, const RegistrationOptions& options) {
 
 /// With ssd in 3-D the same once order 0 has all scales. In 2-D a Gaussian of so many pixels follows noise, and smooth
 /// motion loses half; core/measurements.md, "Only where it slides".
-double finer_shear(int dimension, SimilarityType similarity) {
-  return dimension == 3 && similarity == SimilarityType::Ssd ? least_shear(dimension, similarity) : 0;
+double finer_shear(int dimension, const RegistrationOptions& options) {
+  const bool is_measured = dimension == 3 && options.similarity == SimilarityType::Ssd;
+  return is_measured && !options.momenta.first_order_waits ? options.momenta.first_order_shear : 0;
 }
 
 /// What a velocity has at least where order 0 needs narrow widths, see simple_shear; measured, core/measurements.md,
@@ -151,7 +152,8 @@ void resolve_scales(int dimension, double reference_mm, const RegistrationOption
   const bool is_coarse = are_momenta_coarse(dimension, o.model);
   // Images that accurate takes finer than balanced are for seeing more, not for narrower kernels.
   const bool sees_finer = o.preset == Preset::Accurate && asked.pyramid.finest_level < 0 && is_fine(reference_mm);
-  if (o.momenta.finer_shear < 0 && sees_finer) o.momenta.finer_shear = 0;
+  const bool is_given = asked.momenta.finest_scale >= 0;
+  if (o.momenta.finer_shear < 0 && (sees_finer || is_given)) o.momenta.finer_shear = 0;
   if (o.momenta.finest_scale < 0) {
     int scale = finest - 1 - o.momenta.finest_scale;
     // A Gaussian of so many pixels holds far fewer samples than one of as many voxels, and follows their noise.
@@ -248,12 +250,13 @@ void follow_contrast(double contrast, double noise, RegistrationOptions& o) {
   // Where rounds go on from the pairs of the one before, that is so for the first one of a level alone, which has none.
   RegistrationOptions::Optimisation& how = o.optimisation;
   const double of_motion = in_few_digits(how.round_tolerance * share(counted * counted));
-  // The last ones end later.
   if (!how.keep_pairs) {
     how.round_tolerance = of_motion;
   } else {
     const double enough = in_few_digits(how.tolerance / std::sqrt(share(counted)));
+    // All end a little later, and the last ones later still.
     how.tolerance = in_few_digits(how.tolerance * std::max(kLeastTolerance, share(counted)));
+    how.round_tolerance = in_few_digits(how.round_tolerance * std::max(kLeastRoundTolerance, share(counted)));
     if (how.first_round_tolerance < 0)
       how.first_round_tolerance = std::min(how.round_tolerance, std::max(of_motion, enough));
   }
@@ -286,7 +289,7 @@ RegistrationOptions resolved(const RegistrationOptions& options, const Lattice<D
       o.momenta.regularisation_beside_first == 0)
     o.momenta.regularisation_beside_first = kStifferBesideFirst * o.momenta.regularisation;
   if (o.momenta.plain_shear < 0) o.momenta.plain_shear = plain_shear(Dim, o);
-  if (o.momenta.finer_shear < 0) o.momenta.finer_shear = finer_shear(Dim, o.similarity);
+  if (o.momenta.finer_shear < 0) o.momenta.finer_shear = finer_shear(Dim, o);
   if (o.momenta.first_order_shear == 0) o.momenta.plain_shear = o.momenta.finer_shear = 0;  // order 0 is not asked
   return o;
 }

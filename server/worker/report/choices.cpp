@@ -65,7 +65,11 @@ std::string measured_from(const std::string& name, const ReportInput<Dim>& input
   }
   if (name == "most_active_share") return "from the model and the dimension; it bounds the memory that a job declares";
   if (name == "kernel_widths") return "from the model, the similarity and the noise on the finest level";
-  if (name == "regularisation" || name == "first_order_shear" || name == "finer_shear" || name == "oblique_share" ||
+  if (name == "finer_shear")
+    return "that of first_order_shear where order 0 ends at a coarser scale than the images, or 0: from the "
+           "similarity, "
+           "the dimension, the preset and the size of the voxels";
+  if (name == "regularisation" || name == "first_order_shear" || name == "oblique_share" ||
       name == "oriented_sparsity" || name == "divergence_weight")
     return "from the similarity and the dimension, for which it was measured";
   if (name == "plain_shear")
