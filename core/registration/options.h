@@ -129,11 +129,12 @@ struct RegistrationOptions {
     int max_iterations = 60;  ///< in each round of a level
     double tolerance = 1e-3;  ///< a level ends when five iterations give less than this share of its total decrease
     /// The same of a round with first orders that another one follows, where larger: it is there for the weights that
-    /// the next one is made with. Without `keep_pairs` it follows the contrast as lambda does (full_contrast). -1: what
-    /// suits model, similarity, preset and dimension (core/measurements.md, "Sparsity").
+    /// the next one is made with. It follows the contrast (full_contrast), without `keep_pairs` as lambda does. -1:
+    /// what suits model, similarity, preset and dimension (core/measurements.md, "Sparsity").
     double round_tolerance = 0;
     /// The same of a level's first round where a coarser level has found first orders and they do not wait. -1:
-    /// round_tolerance; with `keep_pairs` that then follows the contrast, down to `tolerance` over the contrast's root.
+    /// round_tolerance; with `keep_pairs` that then follows the contrast, down to `tolerance` as it was given over the
+    /// contrast's root.
     double first_round_tolerance = -1;
     /// A round that differs from the one before by the weights of its sparsity, and by how far elements have turned,
     /// begins with the pairs that L-BFGS has. Not after one in which first orders waited, or that found no way down.

@@ -461,7 +461,7 @@ const std::vector<Parameter>& parameters() {
           "first_round_tolerance", "", -1, Lower::Inclusive, 1,
           "the same of the first round of a level where a coarser one has found first orders and they do not wait; -1 "
           "(and nothing else below 0): round_tolerance, with keep_pairs times the square of the contrast, see "
-          "full_contrast, but no less than tolerance over the contrast's root",
+          "full_contrast, but no less than tolerance as it was given over the contrast's root",
           [](O & o) -> auto& { return o.optimisation.first_round_tolerance; }),
       boolean(
           "keep_pairs",

@@ -21,7 +21,7 @@ namespace saltus {
 /// While no first-order momentum exists and none may appear, order 0 is alone: all velocities are smooth, and momenta,
 /// flow and map live on a coarser lattice than the images (flow.coarsening). With momenta.first_order_shear each level
 /// begins so, and its velocity then tells whether first orders are worth it; once they were, all finer levels have
-/// them.
+/// them. Where they were not on the finest one, order 0 may get finer scales and be asked again (momenta.finer_shear).
 template <int Dim>
 class PyramidRun {
  public:

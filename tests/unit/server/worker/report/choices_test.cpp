@@ -101,14 +101,15 @@ TEST(Choices, TellWhatALowContrastMakes) {
   set_parameter(scene.options, "full_contrast", "0.08");
   scene.result.options = resolved(scene.options, lattice_of(scene.images.fixed.grid), {0, 0.04});
   const auto all = choices(scene.report);
-  for (const char* name : {"sparsity", "regularisation_beside_first", "oriented_alone", "first_round_tolerance"})
+  for (const char* name : {"sparsity", "regularisation_beside_first", "oriented_alone", "first_round_tolerance",
+                           "round_tolerance", "tolerance"})
     EXPECT_THAT(all, Contains(AllOf(Field(&Choice::name, name), Field(&Choice::is_set, false),
                                     Field(&Choice::why, HasSubstr("contrast")))))
         << name;
   EXPECT_THAT(all, Contains(AllOf(Field(&Choice::name, "full_contrast"), Field(&Choice::value, "0.08"))));
   EXPECT_THAT(all, Not(Contains(Field(&Choice::name, "full_contrast in use"))));
-  // Those of all but a level's first round are as they were.
-  EXPECT_THAT(all, Not(Contains(Field(&Choice::name, "round_tolerance"))));
+  for (const char* name : {"round_tolerance", "tolerance"})
+    EXPECT_THAT(said_of(name, Model::Auto, SimilarityType::Ssd), IsEmpty()) << name;
   EXPECT_THAT(said_of("first_round_tolerance", Model::Auto, SimilarityType::Lncc), IsEmpty());
 }
 
