@@ -49,7 +49,6 @@ RegistrationOptions default_options(Model model, SimilarityType similarity, Pres
   o.model = model;
   o.similarity = similarity;
   o.preset = preset;
-  const bool is_correlation = similarity == SimilarityType::Ncc || similarity == SimilarityType::Lncc;
   switch (model) {
     case Model::Gaussian:
     case Model::Wendland:
@@ -71,7 +70,7 @@ RegistrationOptions default_options(Model model, SimilarityType similarity, Pres
         o.momenta.finest_scale = -2;
         if (model == Model::Auto) o.momenta.finer_shear = -1;
       }
-      if (model == Model::Auto && (is_correlation || similarity == SimilarityType::Ssd)) {
+      if (model == Model::Auto) {
         o.momenta.orientations = -1;
         o.momenta.oblique_share = -1;
         o.momenta.oriented_alone = -1;
@@ -98,9 +97,9 @@ RegistrationOptions default_options(Model model, SimilarityType similarity, Pres
       o.flow.divergence_weight = 0.1;
       break;
     case SimilarityType::Mi:  // of a normal pair -log(1 - c^2) / 2, the steeper the better the images fit
-      o.momenta.regularisation = 1e-4;
-      o.momenta.first_order_regularisation = 1.5e-4;
-      o.momenta.sparsity = 1e-2;
+      o.momenta.regularisation = 1e-3;
+      o.momenta.first_order_regularisation = 1.5e-3;
+      o.momenta.sparsity = 4e-2;
       o.flow.divergence_weight = 2.5;
       break;
     case SimilarityType::Lncc:
@@ -113,12 +112,12 @@ RegistrationOptions default_options(Model model, SimilarityType similarity, Pres
     case SimilarityType::Ngf:
       o.momenta.regularisation = 1e-3;
       o.momenta.first_order_regularisation = 2e-3;
-      o.momenta.sparsity = 2e-2;
+      o.momenta.sparsity = 4e-2;
       o.flow.divergence_weight = 0.2;
       break;
     case SimilarityType::Mind:  // a squared difference of a few hundredths
       o.momenta.regularisation = 2e-4;
-      o.momenta.first_order_regularisation = 4e-4;
+      o.momenta.first_order_regularisation = 1e-4;
       o.momenta.sparsity = 4e-3;
       o.flow.divergence_weight = 0.08;
       break;
@@ -156,7 +155,7 @@ RegistrationOptions default_options(Model model, SimilarityType similarity, Pres
     o.optimisation.tolerance = preset == Preset::Fast ? 5e-2 : preset == Preset::Balanced ? 2.5e-2 : 5e-3;
     o.momenta.first_order_waits = is_sliding;
     if (is_sliding && similarity == SimilarityType::Lncc) o.optimisation.noise_tolerance = 0.1;
-    if (is_sliding && is_correlation) {
+    if (is_sliding) {
       o.momenta.reweighted_rounds = 1;
       o.momenta.sparsity_noise = 0.04;
     }
@@ -169,11 +168,11 @@ RegistrationOptions default_options(Model model, SimilarityType similarity, Pres
     // What is oblique has momenta of its own (core/measurements.md, "Sparsity").
     if (similarity == SimilarityType::Ncc && preset != Preset::Fast) o.momenta.sparsity *= 2;
     if (similarity == SimilarityType::Lncc) o.momenta.sparsity = o.momenta.narrow_width_shear = -1;
-    if (is_correlation && preset == Preset::Balanced) {
+    if (similarity != SimilarityType::Ssd && preset == Preset::Balanced) {
       o.momenta.even_sparsity = 1.5;
       o.optimisation.round_tolerance = -1;
-      // Of the rounds with first orders: order 0 alone has look_tolerance.
-      if (similarity == SimilarityType::Lncc) o.optimisation.tolerance = 4e-2;
+      // Of the rounds with first orders: order 0 alone may have look_tolerance.
+      if (similarity != SimilarityType::Ncc) o.optimisation.tolerance = 4e-2;
     }
     // Of ncc and mi, which are statistics of all that is compared, it would change the weight.
     if (similarity != SimilarityType::Ncc && similarity != SimilarityType::Mi) o.pyramid.region_margin = 4;
@@ -183,6 +182,7 @@ RegistrationOptions default_options(Model model, SimilarityType similarity, Pres
     if (similarity == SimilarityType::Lncc) o.optimisation.look_tolerance = 0.015;
     if (similarity == SimilarityType::Ssd || similarity == SimilarityType::Ncc || similarity == SimilarityType::Ngf)
       o.optimisation.look_tolerance = 0.006;
+    if (similarity == SimilarityType::Mi || similarity == SimilarityType::Mind) o.optimisation.look_tolerance = 0.025;
   }
   // With ssd sliding loses more on the paper's rectangle than it gains elsewhere (core/measurements.md, "Sparsity").
   o.optimisation.keep_pairs = o.momenta.first_order_waits || model == Model::Auto;

@@ -43,9 +43,23 @@ double least_shear(int dimension, SimilarityType similarity) {
   return similarity == SimilarityType::Lncc ? 10.6 : similarity == SimilarityType::Ssd ? 4.9 : 5.5;
 }
 
-/// With lncc, beside first orders that were let in: what is sharp is theirs, and order 0 draws it out no more
-/// (core/measurements.md, "Regularisation").
-constexpr double kStifferBesideFirst = 10;
+/// How many times as much order 0 counts beside first orders that were let in: what is sharp is theirs, and order 0
+/// draws it out no more (core/measurements.md, "Regularisation").
+double stiffer_beside_first(int dimension, SimilarityType similarity) {
+  switch (similarity) {
+    case SimilarityType::Lncc:
+      return 10;
+    case SimilarityType::Mi:
+    case SimilarityType::Ngf:
+      return 3;
+    case SimilarityType::Mind:
+      return dimension == 2 ? 2 : 1;
+    case SimilarityType::Ssd:
+    case SimilarityType::Ncc:
+      return 1;
+  }
+  return 1;
+}
 
 /// What it has at least, early on a level, where order 0 need not settle first: where first orders do not wait for it
 /// (ssd), and with lncc in 3-D where it goes on beside them with a larger weight, as measured. Smooth motion has no
@@ -53,7 +67,8 @@ constexpr double kStifferBesideFirst = 10;
 double plain_shear(int dimension, const RegistrationOptions& options) {
   const RegistrationOptions::Momenta& momenta = options.momenta;
   const bool is_stiffer = dimension == 3 && options.similarity == SimilarityType::Lncc &&
-                          momenta.regularisation_beside_first >= kStifferBesideFirst * momenta.regularisation;
+                          momenta.regularisation_beside_first >=
+                              stiffer_beside_first(dimension, options.similarity) * momenta.regularisation;
   if (momenta.first_order_waits && !is_stiffer) return 0;
   return std::min(2 * momenta.first_order_shear, std::numeric_limits<double>::max());  // not infinite
 }
@@ -96,10 +111,16 @@ int usual_history(int dimension, Model model, SimilarityType similarity) {
 /// take back, and cost less, and such elements do along the axes as well. Measured with `balanced` where 3-D images end
 /// at half of their resolution, core/measurements.md, "Slip at any orientation".
 bool are_elements_narrow(int dimension, SimilarityType similarity) {
-  return dimension == 3 && (similarity == SimilarityType::Ncc || similarity == SimilarityType::Lncc);
+  return dimension == 3 && similarity != SimilarityType::Ssd;
 }
 constexpr double kNarrowElement = 0.5;  // of the first orders' width
 constexpr double kLeastElement = 0.35;
+
+/// Whether elements do all that first orders do, along the axes as well; the same measurements.
+bool are_elements_alone(int dimension, SimilarityType similarity) {
+  return are_elements_narrow(dimension, similarity) || similarity == SimilarityType::Mi ||
+         similarity == SimilarityType::Ngf || similarity == SimilarityType::Mind;
+}
 
 /// Both orders at all sites of an image of full resolution take 800 bytes a voxel. At every second one they take a
 /// third to a half of that and of the time; errors are less but beside large jumps (core/measurements.md, "Memory").
@@ -208,9 +229,10 @@ void resolve_elements(int dimension, RegistrationOptions& o) {
     o.momenta.orientations = can ? (dimension == 2 ? 8 : 9) : 0;
   }
   const bool is_narrow = are_elements_narrow(dimension, o.similarity);
-  if (o.momenta.oblique_share < 0) o.momenta.oblique_share = is_narrow ? 0 : 0.7;
+  const bool is_alone = are_elements_alone(dimension, o.similarity);
+  if (o.momenta.oblique_share < 0) o.momenta.oblique_share = is_alone ? 0 : 0.7;
   // Elements are where order 0 shows an interface before.
-  if (o.momenta.oriented_alone < 0 && is_narrow) o.momenta.oriented_alone = o.momenta.first_order_waits ? 2 : 1;
+  if (o.momenta.oriented_alone < 0 && is_alone) o.momenta.oriented_alone = o.momenta.first_order_waits ? 2 : 1;
   if (o.momenta.oriented_sparsity == 0) o.momenta.oriented_sparsity = is_narrow ? 0.5 : 0.4;
   if (o.momenta.oriented_width == 0 && is_narrow) o.momenta.oriented_width = kNarrowElement;
 }
@@ -285,9 +307,9 @@ RegistrationOptions resolved(const RegistrationOptions& options, const Lattice<D
   follow_contrast(traits.contrast, noise, o);
   if (o.momenta.oriented_width == 0) o.momenta.oriented_width = 1;
   if (o.momenta.oriented_alone < 0) o.momenta.oriented_alone = 1;
-  if (o.model == Model::Auto && o.similarity == SimilarityType::Lncc && o.preset != Preset::Fast &&
-      o.momenta.regularisation_beside_first == 0)
-    o.momenta.regularisation_beside_first = kStifferBesideFirst * o.momenta.regularisation;
+  const double stiffer = stiffer_beside_first(Dim, o.similarity);
+  if (o.model == Model::Auto && stiffer > 1 && o.preset != Preset::Fast && o.momenta.regularisation_beside_first == 0)
+    o.momenta.regularisation_beside_first = stiffer * o.momenta.regularisation;
   if (o.momenta.plain_shear < 0) o.momenta.plain_shear = plain_shear(Dim, o);
   if (o.momenta.finer_shear < 0) o.momenta.finer_shear = finer_shear(Dim, o);
   if (o.momenta.first_order_shear == 0) o.momenta.plain_shear = o.momenta.finer_shear = 0;  // order 0 is not asked

@@ -3,8 +3,11 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <numeric>
 #include <stdexcept>
+#include <vector>
 
+#include "core/evaluation/field_error.h"
 #include "core/phantom/make_phantom.h"
 #include "core/registration/register_images.h"
 #include "tests/support/phantom_pair.h"
@@ -26,19 +29,16 @@ bool sees_contrast(SimilarityType similarity) {
   throw std::logic_error("a similarity of which nobody said what it sees");
 }
 
+template <int Dim>
+double mean_error(const Phantom<Dim>& phantom, const VectorVolume<Dim>& found, const Volume<Dim>& mask) {
+  const std::vector<double> errors = endpoint_errors<Dim>(found, phantom.displacement, mask);
+  return std::accumulate(errors.begin(), errors.end(), 0.0) / static_cast<double>(errors.size());
+}
+
 /// Mean endpoint error, mm, where errors count; null: of no motion at all.
 template <int Dim>
 double endpoint_error(const Phantom<Dim>& phantom, const VectorVolume<Dim>* found) {
-  double sum = 0, count = 0;
-  for (std::size_t i = 0; i < phantom.fixed.samples.size(); ++i) {
-    if (phantom.masks.valid.samples[i] == 0) continue;
-    double squares = 0;
-    for (int c = 0; c < Dim; ++c)
-      squares += std::pow((found ? found->component(c)[i] : 0.0) - phantom.displacement.component(c)[i], 2);
-    sum += std::sqrt(squares);
-    ++count;
-  }
-  return sum / count;
+  return mean_error(phantom, found ? *found : VectorVolume<Dim>(phantom.displacement.grid), phantom.masks.valid);
 }
 
 template <int Dim>
@@ -73,6 +73,52 @@ TEST_P(RegisterBySimilarity, FindsASlip) {
   PhantomOptions scene = default_phantom_options(PhantomKind::Slip);
   scene.size = {72, 72, 1};
   expect_registered<2>(scene, GetParam(), Model::Sliding, 3);
+}
+
+/// Share of what first-order momenta there are, along the axes or oriented, that lies within 3 voxels of the interface.
+double share_at_interface(const Phantom<2>& phantom, const RegistrationResult<2>& result) {
+  double near = 0, all = 0;
+  for (const MomentumField<2>& field : result.momenta) {
+    if (field.axis == MomentumField<2>::kZeroth) continue;
+    const ImageGrid<2>&grid = field.vectors.grid, &whole = phantom.masks.near.grid;
+    for (std::size_t i = 0; i < grid.voxels(); ++i) {
+      const auto x = static_cast<long>(i) % grid.size[0], y = static_cast<long>(i) / grid.size[0];
+      // Axes are those of the world.
+      const long column = std::lround((grid.origin[0] + x * grid.spacing[0] - whole.origin[0]) / whole.spacing[0]),
+                 row = std::lround((grid.origin[1] + y * grid.spacing[1] - whole.origin[1]) / whole.spacing[1]);
+      const double momentum = std::hypot(field.vectors.component(0)[i], field.vectors.component(1)[i]);
+      all += momentum;
+      if (phantom.masks.near.samples[static_cast<std::size_t>(row * whole.size[0] + column)] != 0) near += momentum;
+    }
+  }
+  return near / all;
+}
+
+// What `auto` chooses has to serve every similarity. Oracles: order 0 alone, overall and near the interface, and the
+// place of the interface.
+TEST_P(RegisterBySimilarity, SlidesWithAutoWhereTheInterfaceIs) {
+  double error = 0, near = 0, smooth_error = 0, smooth_near = 0;
+  for (const double degrees : {0.0, 20.0, 45.0}) {
+    PhantomOptions scene = default_phantom_options(PhantomKind::Slip);
+    scene.angle_deg = degrees;
+    scene.size = {96, 96, 1};
+    scene.noise = 0.01;
+    const Phantom<2> phantom = make_phantom<2>(scene);
+    RegistrationInput<2> input = testing::pair_of(phantom);
+    if (!sees_contrast(GetParam()))
+      for (float& v : input.moving.samples) v = 1000 - 50 * v * v;
+    const RegistrationResult<2> result =
+        register_images<2>(input, default_options(Model::Auto, GetParam(), Preset::Balanced));
+    EXPECT_GT(share_at_interface(phantom, result), 0.55) << degrees;
+    error += mean_error(phantom, result.displacement, phantom.masks.valid);
+    near += mean_error(phantom, result.displacement, phantom.masks.near);
+    const RegistrationResult<2> smooth =
+        register_images<2>(input, default_options(Model::Gaussian, GetParam(), Preset::Balanced));
+    smooth_error += mean_error(phantom, smooth.displacement, phantom.masks.valid);
+    smooth_near += mean_error(phantom, smooth.displacement, phantom.masks.near);
+  }
+  EXPECT_LT(error, smooth_error);
+  EXPECT_LT(near, 0.8 * smooth_near);
 }
 
 TEST_P(RegisterBySimilarity, FindsASmoothMotionInThreeDimensions) {
