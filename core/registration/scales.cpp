@@ -93,10 +93,10 @@ double lncc_sparsity(int dimension, Preset preset) {
   return dimension == 2 ? 0.1 : 0.025;
 }
 
-/// Of correlations with auto: what the next round makes its weights from is seen after a few iterations in 3-D with
-/// lncc; core/measurements.md, "Sparsity".
+/// With auto and what is no squared difference: what the next round makes its weights from is seen after a few
+/// iterations in 3-D but with ncc; core/measurements.md, "Sparsity".
 double usual_round_tolerance(int dimension, SimilarityType similarity) {
-  return dimension == 3 && similarity == SimilarityType::Lncc ? 0.5 : 0.1;
+  return dimension == 3 && similarity != SimilarityType::Ncc ? 0.5 : 0.1;
 }
 
 /// Pairs that L-BFGS keeps; measured, core/measurements.md, "Pairs of L-BFGS".

@@ -90,9 +90,9 @@ std::string measured_from(const std::string& name, const ReportInput<Dim>& input
                : "from the widths that were given, which count as they are";
   }
   if (name == "regularisation_beside_first")
-    return input.options->similarity == SimilarityType::Lncc
-               ? "from the model and the similarity: what is sharp is left to first orders"
-               : "from the fixed image's contrast, which is low (full_contrast), and the noise";
+    return input.options->similarity == SimilarityType::Ssd
+               ? "from the fixed image's contrast, which is low (full_contrast), and the noise"
+               : "from the model, the similarity and the dimension: what is sharp is left to first orders";
   if (name == "oriented_alone" || name == "oriented_width")
     return "from the similarity and the dimension, with ssd from the fixed image's contrast (full_contrast)";
   if (name == "sparsity") return where_sparsity_is_from(*input.options);
