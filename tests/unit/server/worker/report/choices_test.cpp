@@ -75,8 +75,8 @@ TEST(Choices, TellTheSparsityThatNoiseMakes) {
       " (from the model, the similarity, the preset and the dimension; the noise on the finest level (sparsity_noise))";
   EXPECT_EQ(said_of("sparsity", Model::Auto, SimilarityType::Lncc, {{"sparsity_noise", "0"}}),
             Lines{"0.025 (from the model, the similarity, the preset and the dimension)"});
-  EXPECT_EQ(said_of("sparsity in use", Model::Sliding, SimilarityType::Mi, {{"sparsity", "-1"}}),
-            Lines{"0.01 (from the model, the similarity, the preset and the dimension)"});
+  EXPECT_EQ(said_of("sparsity in use", Model::Wendland1, SimilarityType::Mi, {{"sparsity", "-1"}}),
+            Lines{"0.04 (from the model, the similarity, the preset and the dimension)"});
   EXPECT_EQ(said_of("sparsity", Model::Auto, SimilarityType::Lncc), Lines{"0.034375" + from_all});
   EXPECT_THAT(said_of("sparsity in use", Model::Auto, SimilarityType::Lncc), IsEmpty());
   EXPECT_EQ(said_of("sparsity", Model::Auto, SimilarityType::Lncc, {{"sparsity", "0.1"}}),
