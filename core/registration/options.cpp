@@ -171,7 +171,7 @@ RegistrationOptions default_options(Model model, SimilarityType similarity, Pres
     if (similarity != SimilarityType::Ssd && preset == Preset::Balanced) {
       o.momenta.even_sparsity = 1.5;
       o.optimisation.round_tolerance = -1;
-      // Of the rounds with first orders: order 0 alone may have look_tolerance.
+      // Of the rounds with first orders: order 0 alone has look_tolerance.
       if (similarity != SimilarityType::Ncc) o.optimisation.tolerance = 4e-2;
     }
     // Of ncc and mi, which are statistics of all that is compared, it would change the weight.

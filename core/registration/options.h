@@ -58,8 +58,8 @@ struct RegistrationOptions {
                             ///< -2: the next coarser
     double regularisation = 0.01;  ///< weight of 1/2 ||v_0||^2, per mm^2; 0: by similarity, and with ssd
                                    ///< less in 3-D, as measured (core/measurements.md, "Regularisation")
-    /// That, once first orders take part; 0: no other, but ten times as much for auto with lncc where the preset is
-    /// not fast, as measured (core/measurements.md, "Regularisation").
+    /// That, once first orders take part; 0: no other, but for auto where the preset is not fast ten times as much with
+    /// lncc, three times with mi and ngf and in 2-D twice with mind (core/measurements.md, "Regularisation").
     double regularisation_beside_first = 0;
     int first_order_scales = 0;         ///< number of order-1 scales; 0 leaves order 1 out
     int first_order_finest_scale = -1;  ///< that of order 1; -1: the finest level's, for Wendland1 in 3-D at least 1

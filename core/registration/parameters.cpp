@@ -264,7 +264,7 @@ const std::vector<Parameter>& parameters() {
       real(
           "regularisation_beside_first", "per mm^2", 0, Lower::Inclusive, inf,
           "weight of the order-0 part once first orders take part; 0: that of regularisation, or what full_contrast "
-          "says, and for auto with lncc, but fast, ten times that",
+          "says, and for auto, but fast, ten times that with lncc, three times with mi and ngf, in 2-D twice with mind",
           [](O & o) -> auto& { return o.momenta.regularisation_beside_first; }),
       integer(
           "first_order_scales", "", 0, 8, "number of order-1 scales; 0 leaves order 1 out",

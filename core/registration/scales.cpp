@@ -93,8 +93,8 @@ double lncc_sparsity(int dimension, Preset preset) {
   return dimension == 2 ? 0.1 : 0.025;
 }
 
-/// With auto and what is no squared difference: what the next round makes its weights from is seen after a few
-/// iterations in 3-D but with ncc; core/measurements.md, "Sparsity".
+/// With auto and all but ssd: what the next round makes its weights from is seen after a few iterations in 3-D, but
+/// with ncc; core/measurements.md, "Sparsity".
 double usual_round_tolerance(int dimension, SimilarityType similarity) {
   return dimension == 3 && similarity != SimilarityType::Ncc ? 0.5 : 0.1;
 }
@@ -116,10 +116,11 @@ bool are_elements_narrow(int dimension, SimilarityType similarity) {
 constexpr double kNarrowElement = 0.5;  // of the first orders' width
 constexpr double kLeastElement = 0.35;
 
-/// Whether elements do all that first orders do, along the axes as well; the same measurements.
+/// Whether elements do all that first orders do, along the axes as well; core/measurements.md, "Alone", and in 2-D
+/// "`mi`, `ngf` and `mind`".
 bool are_elements_alone(int dimension, SimilarityType similarity) {
-  return are_elements_narrow(dimension, similarity) || similarity == SimilarityType::Mi ||
-         similarity == SimilarityType::Ngf || similarity == SimilarityType::Mind;
+  if (dimension == 3) return similarity != SimilarityType::Ssd;
+  return similarity == SimilarityType::Mi || similarity == SimilarityType::Ngf || similarity == SimilarityType::Mind;
 }
 
 /// Both orders at all sites of an image of full resolution take 800 bytes a voxel. At every second one they take a

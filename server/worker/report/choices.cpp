@@ -55,7 +55,7 @@ std::string measured_from(const std::string& name, const ReportInput<Dim>& input
                ? "2-D images are registered at full resolution"
                : "from the preset " + to_string(input.options->preset) +
                      " for 3-D images (fast at most 2 with voxels of 4 mm, balanced at most 1 with 3 mm, accurate 0)";
-  if (name == "orientations") return "8 in 2-D and 9 in 3-D, where first orders are along the axes, sparse and carried";
+  if (name == "orientations") return "8 in 2-D and 9 in 3-D, where there are first orders that are sparse and carried";
   if (name == "width_voxels") {
     const auto [zeroth, first] = scales_of_one_width(input.result->options);
     return std::string(zeroth && first ? "of all scales"
@@ -92,7 +92,8 @@ std::string measured_from(const std::string& name, const ReportInput<Dim>& input
   if (name == "regularisation_beside_first")
     return input.options->similarity == SimilarityType::Ssd
                ? "from the fixed image's contrast, which is low (full_contrast), and the noise"
-               : "from the model, the similarity and the dimension: what is sharp is left to first orders";
+               : "from regularisation, by model, similarity, preset and dimension: what is sharp is left to first "
+                 "orders";
   if (name == "oriented_alone" || name == "oriented_width")
     return "from the similarity and the dimension, with ssd from the fixed image's contrast (full_contrast)";
   if (name == "sparsity") return where_sparsity_is_from(*input.options);
@@ -200,8 +201,10 @@ std::vector<Choice> choices(const ReportInput<Dim>& input) {
     if (!has_any || input.options->momenta.oblique_share == 0) continue;
     found.push_back({"level " + std::to_string(level.level) + ": oriented momenta",
                      level.oriented_elements > 0 ? std::to_string(level.oriented_elements) : "left out", "",
-                     percentage(level.oblique_share) + " of what may slide is oblique to the axes" +
-                         (asked.oblique_share > 0 ? " (asked: " + percentage(asked.oblique_share) + ")" : ""),
+                     asked.oblique_share == 0 && level.oriented_elements == 0
+                         ? "none of them wanted to join"
+                         : percentage(level.oblique_share) + " of what may slide is oblique to the axes" +
+                               (asked.oblique_share > 0 ? " (asked: " + percentage(asked.oblique_share) + ")" : ""),
                      false});
   }
   return found;

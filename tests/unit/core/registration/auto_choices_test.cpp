@@ -95,10 +95,13 @@ TEST(AutoChoices, HoldsOrderZeroMoreBesideFirstOrders) {
     EXPECT_DOUBLE_EQ(times(resolved(options, plane)), expected.first);
     EXPECT_DOUBLE_EQ(times(resolved(options, cube)), expected.second);
     options.momenta.regularisation_beside_first = 2.5 * resolved(options, cube).momenta.regularisation;
-    EXPECT_DOUBLE_EQ(times(resolved(options, cube)), 2.5);  // what is given counts as it is
-    for (Preset preset : {Preset::Fast, Preset::Accurate})  // fast, where order 0 has not settled, leaves it
-      EXPECT_DOUBLE_EQ(times(resolved(default_options(Model::Auto, similarity, preset), plane)),
-                       preset == Preset::Fast ? 1 : expected.first);
+    EXPECT_DOUBLE_EQ(times(resolved(options, cube)), 2.5);    // what is given counts as it is
+    for (Preset preset : {Preset::Fast, Preset::Accurate}) {  // fast, where order 0 has not settled, leaves it
+      const RegistrationOptions other = default_options(Model::Auto, similarity, preset);
+      EXPECT_DOUBLE_EQ(times(resolved(other, plane)), preset == Preset::Fast ? 1 : expected.first);
+      EXPECT_DOUBLE_EQ(times(resolved(other, cube)), preset == Preset::Fast ? 1 : expected.second);
+      EXPECT_DOUBLE_EQ(times(resolved(resolved(other, cube), cube)), times(resolved(other, cube)));
+    }
     EXPECT_DOUBLE_EQ(times(resolved(default_options(Model::Sliding, similarity, Preset::Balanced), plane)), 1);
   }
 }
@@ -141,6 +144,37 @@ TEST(AutoChoices, HasOrientedMomentaOnlyWhereTheyAreCarried) {
   options.flow.evolution = Evolution::Exact;
   EXPECT_TRUE(problems(options).empty());
   EXPECT_EQ(resolved(options, plane).momenta.orientations, 0);
+}
+
+template <int Dim>
+void expect_momenta_along_axes(const RegistrationOptions& options, const Lattice<Dim>& lattice) {
+  EXPECT_TRUE(problems(options).empty());
+  const RegistrationOptions used = resolved(options, lattice);
+  EXPECT_EQ(used.momenta.orientations, 0);
+  EXPECT_FALSE(has_oriented_alone(used.momenta));
+  bool has_any = false;
+  for (const PlacedScale<Dim, float>& placed : make_scales<Dim, float>(lattice, used)) {
+    EXPECT_EQ(placed.scale->can_slide(), placed.scale->has_first_order());
+    has_any |= placed.scale->has_first_order();
+  }
+  EXPECT_TRUE(has_any);
+}
+
+// Elements that would stand alone, were there any, take nothing from momenta along the axes.
+TEST(AutoChoices, HasMomentaAlongTheAxesWhereThereAreNoOrientedOnes) {
+  for (SimilarityType similarity : all_similarities()) {
+    SCOPED_TRACE(to_string(similarity));
+    const RegistrationOptions usual = default_options(Model::Auto, similarity, Preset::Balanced);
+    std::vector<RegistrationOptions> asked(4, usual);
+    asked[0].flow.evolution = Evolution::Exact;
+    asked[1].flow.evolution = Evolution::PerOrder;
+    asked[2].momenta.orientations = 0;
+    asked[3].momenta.sparsity = 0;
+    for (const RegistrationOptions& options : asked) {
+      expect_momenta_along_axes(options, Lattice<2>{{64, 64}, {1, 1}, {}});
+      expect_momenta_along_axes(options, Lattice<3>{{32, 32, 32}, {1, 1, 1}, {}});
+    }
+  }
 }
 
 TEST(AutoChoices, RefusesASimpleShearBelowNoneAtAll) {

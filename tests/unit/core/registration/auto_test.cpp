@@ -128,8 +128,7 @@ TEST_P(Auto, SeesASlipInSpaceAndWhereThereIsNone) {
   }
 }
 
-INSTANTIATE_TEST_SUITE_P(Similarities, Auto,
-                         ::testing::Values(SimilarityType::Ssd, SimilarityType::Ncc, SimilarityType::Lncc),
+INSTANTIATE_TEST_SUITE_P(Similarities, Auto, ::testing::ValuesIn(all_similarities()),
                          [](const auto& info) { return to_string(info.param); });
 
 // Beside first orders order 0 has the wide part of the motion alone.

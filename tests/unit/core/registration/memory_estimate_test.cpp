@@ -190,6 +190,17 @@ TEST(MemoryEstimate, IsABoundWithManyOrientedMomenta) {
 
 // The same where there are elements alone, which need no fields.
 TEST(MemoryEstimate, IsABoundWhereElementsAreAlone) {
+  for (SimilarityType similarity : {SimilarityType::Mi, SimilarityType::Ngf, SimilarityType::Mind}) {
+    Case one(Model::Auto, similarity);
+    one.options.momenta.first_order_shear = 1e-9;
+    one.options.momenta.sparsity = 1e-5;
+    one.fill_pairs();
+    one.add_masks();
+    LevelSummary finest;
+    const double used = one.used_mib(&finest);
+    EXPECT_GT(finest.oriented_elements, 0) << to_string(similarity);
+    EXPECT_LE(used, one.declared_mib()) << to_string(similarity);
+  }
   Case one(Model::Auto, SimilarityType::Lncc);
   one.options.momenta.first_order_shear = 1e-9;
   one.options.momenta.sparsity = 1e-3;

@@ -108,6 +108,10 @@ TEST(ResolvedOptions, AskOfFirstOrdersWhatWasMeasured) {
   EXPECT_EQ(asked_of(SimilarityType::Ncc, block(2)), 5.5);
   EXPECT_EQ(asked_of(SimilarityType::Ssd, block(2)), 4.9);
   EXPECT_EQ(asked_of(SimilarityType::Lncc, block(2)), 10.6);
+  for (SimilarityType similarity : {SimilarityType::Mi, SimilarityType::Ngf, SimilarityType::Mind}) {
+    EXPECT_EQ(asked_of(similarity, plane(1)), 6);
+    EXPECT_EQ(asked_of(similarity, block(2)), 5.5);
+  }
   RegistrationOptions asked = automatic(SimilarityType::Ssd);
   asked.momenta.first_order_shear = 0.25;
   EXPECT_EQ(resolved(asked, plane(1)).momenta.first_order_shear, 0.25);

@@ -238,16 +238,17 @@ TEST(RoundTolerance, FollowsTheContrast) {
 TEST(RoundTolerance, IsWhatWasMeasured) {
   const Lattice<2> plane{{64, 64}, {1, 1}, {}};
   const Lattice<3> cube{{64, 64, 64}, {1, 1, 1}, {}};
-  for (SimilarityType similarity : {SimilarityType::Ncc, SimilarityType::Lncc}) {
+  for (SimilarityType similarity : all_similarities()) {
+    if (similarity == SimilarityType::Ssd) continue;
     RegistrationOptions asked = default_options(Model::Auto, similarity, Preset::Balanced);
     EXPECT_EQ(resolved(asked, plane).optimisation.round_tolerance, 0.1);
-    EXPECT_EQ(resolved(asked, cube).optimisation.round_tolerance, similarity == SimilarityType::Lncc ? 0.5 : 0.1);
+    EXPECT_EQ(resolved(asked, cube).optimisation.round_tolerance, similarity == SimilarityType::Ncc ? 0.1 : 0.5);
     asked.optimisation.round_tolerance = 0.25;
     EXPECT_EQ(resolved(asked, cube).optimisation.round_tolerance, 0.25);
   }
   // -1 is what would have been the default.
   for (Model model : {Model::Auto, Model::Sliding, Model::Wendland1})
-    for (SimilarityType similarity : {SimilarityType::Ssd, SimilarityType::Ncc, SimilarityType::Lncc})
+    for (SimilarityType similarity : all_similarities())
       for (Preset preset : {Preset::Fast, Preset::Balanced, Preset::Accurate}) {
         RegistrationOptions asked = default_options(model, similarity, preset);
         const double usual = resolved(asked, cube).optimisation.round_tolerance;

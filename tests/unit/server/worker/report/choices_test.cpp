@@ -77,6 +77,7 @@ TEST(Choices, TellTheSparsityThatNoiseMakes) {
             Lines{"0.025 (from the model, the similarity, the preset and the dimension)"});
   EXPECT_EQ(said_of("sparsity in use", Model::Wendland1, SimilarityType::Mi, {{"sparsity", "-1"}}),
             Lines{"0.04 (from the model, the similarity, the preset and the dimension)"});
+  EXPECT_EQ(said_of("sparsity", Model::Sliding, SimilarityType::Mi), Lines{"0.055" + from_noise});
   EXPECT_EQ(said_of("sparsity", Model::Auto, SimilarityType::Lncc), Lines{"0.034375" + from_all});
   EXPECT_THAT(said_of("sparsity in use", Model::Auto, SimilarityType::Lncc), IsEmpty());
   EXPECT_EQ(said_of("sparsity", Model::Auto, SimilarityType::Lncc, {{"sparsity", "0.1"}}),
@@ -248,6 +249,18 @@ TEST(Choices, TellWhetherMomentaWereOrientedAndWhy) {
   scene.result.options.momenta.oblique_share = 0;
   EXPECT_THAT(choices(scene.report),
               Contains(AllOf(named, Field(&Choice::value, "17"), Field(&Choice::why, Not(HasSubstr("asked"))))));
+  level.oriented_elements = 0;
+  EXPECT_THAT(choices(scene.report), Contains(AllOf(named, Field(&Choice::value, "left out"),
+                                                    Field(&Choice::why, "none of them wanted to join"))));
+}
+
+TEST(Choices, TellHowMuchOrderZeroIsHeldBesideFirstOrders) {
+  const std::string from =
+      " (from regularisation, by model, similarity, preset and dimension: what is sharp is left to first orders)";
+  EXPECT_EQ(said_of("regularisation_beside_first", Model::Auto, SimilarityType::Lncc), Lines{"0.001" + from});
+  EXPECT_EQ(said_of("regularisation_beside_first", Model::Auto, SimilarityType::Mi), Lines{"0.003" + from});
+  EXPECT_THAT(said_of("regularisation_beside_first", Model::Auto, SimilarityType::Mind), IsEmpty());
+  EXPECT_THAT(said_of("regularisation_beside_first", Model::Auto, SimilarityType::Ncc), IsEmpty());
 }
 
 TEST(Choices, MakeACommandThatAsksForTheSameAgain) {
