@@ -98,6 +98,7 @@ RegistrationOptions default_options(Model model, SimilarityType similarity, Pres
       break;
     case SimilarityType::Mi:  // of a normal pair -log(1 - c^2) / 2, the steeper the better the images fit
       o.momenta.regularisation = 1e-3;
+      o.momenta.coarser_regularisation = 0.25;
       o.momenta.first_order_regularisation = 1.5e-3;
       o.momenta.sparsity = 4e-2;
       o.flow.divergence_weight = 2.5;
@@ -111,12 +112,14 @@ RegistrationOptions default_options(Model model, SimilarityType similarity, Pres
       break;
     case SimilarityType::Ngf:
       o.momenta.regularisation = 1e-3;
+      o.momenta.coarser_regularisation = 0.25;
       o.momenta.first_order_regularisation = 2e-3;
       o.momenta.sparsity = 4e-2;
       o.flow.divergence_weight = 0.2;
       break;
     case SimilarityType::Mind:  // a squared difference of a few hundredths
       o.momenta.regularisation = 2e-4;
+      o.momenta.coarser_regularisation = 0.25;
       o.momenta.first_order_regularisation = 1e-4;
       o.momenta.sparsity = 4e-3;
       o.flow.divergence_weight = 0.08;

@@ -262,6 +262,11 @@ const std::vector<Parameter>& parameters() {
           "weight of the order-0 part of the energy; 0: by similarity, with ssd 3e-6 in 2-D and 1e-6 in 3-D",
           [](O & o) -> auto& { return o.momenta.regularisation; }),
       real(
+          "coarser_regularisation", "", 0, Lower::Exclusive, 1,
+          "weight of an order-0 scale as a share of that of the next finer one; that of the finest is regularisation. "
+          "Below 1 large motion costs less than what changes from voxel to voxel",
+          [](O & o) -> auto& { return o.momenta.coarser_regularisation; }),
+      real(
           "regularisation_beside_first", "per mm^2", 0, Lower::Inclusive, inf,
           "weight of the order-0 part once first orders take part; 0: that of regularisation, or what full_contrast "
           "says, and for auto, but fast, ten times that with lncc, three times with mi and ngf, in 2-D twice with mind",

@@ -2,6 +2,7 @@
 #include "core/registration/simple_shear.h"
 
 #include <algorithm>
+#include <cmath>
 
 namespace saltus {
 namespace {
@@ -66,8 +67,11 @@ void PyramidRun<Dim>::begin_finer_scales() {
   objective_.reset();
   active_.clear();
   RegistrationOptions finer = options_;
-  finer.momenta.finest_scale = levels_[step_];
-  finer.momenta.scales += options_.momenta.finest_scale - levels_[step_];
+  const int added = options_.momenta.finest_scale - levels_[step_];
+  finer.momenta.finest_scale -= added;
+  finer.momenta.scales += added;
+  // Scales that there are keep their weights, and momenta their velocity.
+  finer.momenta.regularisation *= std::pow(options_.momenta.coarser_regularisation, -added);
   scales_ = make_scales<Dim, Scalar>(pyramid_.fixed_lattice(), finer, directions_, narrow_share());
 }
 

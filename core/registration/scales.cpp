@@ -392,7 +392,8 @@ std::vector<PlacedScale<Dim, T>> make_scales(const Lattice<Dim>& image, const Re
       if (gaussian && orders == Orders::First && has_oriented_alone(momenta)) made.orders = Orders::Oriented;
       made.oriented_spacing = kElementSpacing<Dim>;
       made.oriented_normal_share = momenta.oriented_width;
-      made.zeroth_weight = 1 / momenta.regularisation;
+      made.zeroth_weight =
+          1 / (momenta.regularisation * std::pow(momenta.coarser_regularisation, q - momenta.finest_scale));
       made.first_weight = 1 / momenta.first_order_regularisation;
       scales.push_back({q, std::make_unique<MomentumScale<Dim, T>>(made)});
     };

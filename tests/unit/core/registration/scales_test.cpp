@@ -117,6 +117,26 @@ TEST(ResolvedOptions, AskOfFirstOrdersWhatWasMeasured) {
   EXPECT_EQ(resolved(asked, plane(1)).momenta.first_order_shear, 0.25);
 }
 
+TEST(MakeScales, WeighCoarserOrderZeroByAShareOfTheNextFiner) {
+  RegistrationOptions asked = default_options(Model::Gaussian, SimilarityType::Ssd, Preset::Balanced);
+  asked.momenta.regularisation = 2e-3;
+  for (double share : {1.0, 0.25}) {
+    asked.momenta.coarser_regularisation = share;
+    const RegistrationOptions used = resolved(asked, plane(1));
+    const auto scales = make_scales<2, float>(plane(1), used);
+    ASSERT_GT(scales.size(), 2u);
+    for (const auto& placed : scales)
+      EXPECT_NEAR(placed.scale->options().zeroth_weight,
+                  500 / std::pow(share, placed.level - used.momenta.finest_scale), 1e-6)
+          << placed.level;
+  }
+  EXPECT_TRUE(problems(asked).empty());
+  for (double wrong : {0.0, -0.25, 1.5}) {
+    asked.momenta.coarser_regularisation = wrong;
+    EXPECT_THAT(problems(asked), ::testing::ElementsAre(::testing::HasSubstr("coarser_regularisation is ")));
+  }
+}
+
 TEST(ResolvedOptions, GiveOrder0ThatStaysAloneFinerScalesWhereThatWasMeasured) {
   const auto asked_of = [](const RegistrationOptions& asked, const auto& image) {
     return resolved(asked, image).momenta.finer_shear;
