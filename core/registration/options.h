@@ -56,9 +56,10 @@ struct RegistrationOptions {
                             ///< where order 0 is Gaussian and the similarity not ssd at least 1 in 2-D, and in 3-D
                             ///< where accurate takes voxels of up to 1.5 mm; at least 1 as well for Wendland1 in 3-D;
                             ///< -2: the next coarser
-    double regularisation = 0.01;       ///< weight of 1/2 ||v_0||^2, per mm^2; 0: by similarity, and with ssd
-                                        ///< less in 3-D, as measured (core/measurements.md, "Regularisation")
-    double coarser_regularisation = 1;  ///< of the scale of order 0 that is twice as wide, as a share of that weight
+    double regularisation = 0.01;  ///< weight of 1/2 ||v_0||^2, per mm^2; 0: by similarity, and with ssd
+                                   ///< less in 3-D, as measured (core/measurements.md, "Regularisation")
+    /// Of each scale of order 0 as a share of that of the next finer one; the finest one's is `regularisation`.
+    double coarser_regularisation = 1;
     /// That, once first orders take part; 0: no other, but for auto where the preset is not fast ten times as much with
     /// lncc, three times with mi and ngf and in 2-D twice with mind (core/measurements.md, "Regularisation").
     double regularisation_beside_first = 0;

@@ -43,12 +43,13 @@ double least_shear(int dimension, SimilarityType similarity) {
   return similarity == SimilarityType::Lncc ? 10.6 : similarity == SimilarityType::Ssd ? 4.9 : 5.5;
 }
 
+constexpr double kStifferWithLncc = 10;
 /// How many times as much order 0 counts beside first orders that were let in: what is sharp is theirs, and order 0
 /// draws it out no more (core/measurements.md, "Regularisation").
 double stiffer_beside_first(int dimension, SimilarityType similarity) {
   switch (similarity) {
     case SimilarityType::Lncc:
-      return 10;
+      return kStifferWithLncc;
     case SimilarityType::Mi:
     case SimilarityType::Ngf:
       return 3;
@@ -67,8 +68,7 @@ double stiffer_beside_first(int dimension, SimilarityType similarity) {
 double plain_shear(int dimension, const RegistrationOptions& options) {
   const RegistrationOptions::Momenta& momenta = options.momenta;
   const bool is_stiffer = dimension == 3 && options.similarity == SimilarityType::Lncc &&
-                          momenta.regularisation_beside_first >=
-                              stiffer_beside_first(dimension, options.similarity) * momenta.regularisation;
+                          momenta.regularisation_beside_first >= kStifferWithLncc * momenta.regularisation;
   if (momenta.first_order_waits && !is_stiffer) return 0;
   return std::min(2 * momenta.first_order_shear, std::numeric_limits<double>::max());  // not infinite
 }

@@ -67,15 +67,13 @@ std::string measured_from(const std::string& name, const ReportInput<Dim>& input
   if (name == "kernel_widths") return "from the model, the similarity and the noise on the finest level";
   if (name == "finer_shear")
     return "that of first_order_shear where order 0 ends at a coarser scale than the images, or 0: from the "
-           "similarity, "
-           "the dimension, the preset and the size of the voxels";
+           "similarity, the dimension, the preset and the size of the voxels";
   if (name == "regularisation" || name == "first_order_shear" || name == "oblique_share" ||
       name == "oriented_sparsity" || name == "divergence_weight")
     return "from the similarity and the dimension, for which it was measured";
   if (name == "plain_shear")
     return "twice first_order_shear where order 0 need not settle first: by the similarity, the dimension and its "
-           "weight "
-           "beside first orders";
+           "weight beside first orders";
   if (name == "first_round_tolerance" || name == "tolerance")
     return "from the fixed image's contrast and noise (full_contrast)";
   if (name == "round_tolerance")
@@ -92,8 +90,8 @@ std::string measured_from(const std::string& name, const ReportInput<Dim>& input
   if (name == "regularisation_beside_first")
     return input.options->similarity == SimilarityType::Ssd
                ? "from the fixed image's contrast, which is low (full_contrast), and the noise"
-               : "from regularisation, by model, similarity, preset and dimension: what is sharp is left to first "
-                 "orders";
+               : "from regularisation, by model, similarity, preset and dimension: what is sharp is left to "
+                 "first orders";
   if (name == "oriented_alone" || name == "oriented_width")
     return "from the similarity and the dimension, with ssd from the fixed image's contrast (full_contrast)";
   if (name == "sparsity") return where_sparsity_is_from(*input.options);

@@ -37,6 +37,7 @@ TEST(AutoChoices, ChoosesWhatDependsOnSimilarityAndDimension) {
       EXPECT_EQ(deep.momenta.narrow_width_shear, asks ? 4.5 : 0);
       EXPECT_EQ(resolved(deep, cube).momenta.narrow_width_shear, deep.momenta.narrow_width_shear);
       EXPECT_EQ(flat.flow.time_steps, 1);
+      EXPECT_EQ(flat.momenta.coarser_regularisation, 1);
       EXPECT_EQ(flat.flow.map_steps, model != Model::Auto && similarity == SimilarityType::Ssd ? 3 : 2);
       RegistrationOptions given = options;  // what is given counts as it is
       given.momenta.kernel_widths = {{9, 1}, {4, 1}};
@@ -77,6 +78,13 @@ TEST(AutoChoices, ChoosesItsElementsBySimilarityDimensionAndContrast) {
   EXPECT_EQ(width_at(0.01), 0.35);
   options.momenta.oriented_width = 0.8;
   EXPECT_EQ(width_at(0.01), 0.8);
+}
+
+TEST(AutoChoices, LetsCoarserScalesMoveFarWhereThatWasMeasured) {
+  for (Model model : {Model::Auto, Model::Sliding, Model::Gaussian, Model::Wendland})
+    for (SimilarityType similarity : {SimilarityType::Mi, SimilarityType::Ngf, SimilarityType::Mind})
+      EXPECT_EQ(default_options(model, similarity, Preset::Balanced).momenta.coarser_regularisation, 0.25)
+          << to_string(model) << " " << to_string(similarity);
 }
 
 TEST(AutoChoices, HoldsOrderZeroMoreBesideFirstOrders) {

@@ -312,6 +312,28 @@ TEST(AutoModel, GivesOrder0ThatStaysAloneFinerScales) {
             1.02 * outcome_of(smooth, default_options(Model::Sliding, SimilarityType::Ssd, Preset::Balanced)).error_mm);
 }
 
+// Scales that there were keep their weights beside the finer ones, so the energy goes on from where it was. Oracle:
+// what another weight of theirs would make of the velocity.
+TEST(AutoModel, GoesOnFromTheEnergyThatItHadWithFinerScales) {
+  PhantomOptions scene = default_phantom_options(PhantomKind::Smooth);
+  scene.size = {64, 64, 1};
+  RegistrationOptions options = default_options(Model::Auto, SimilarityType::Ssd, Preset::Balanced);
+  options.momenta.first_order_shear = options.momenta.finer_shear = 1e9;
+  options.momenta.coarser_regularisation = 0.25;
+  const RegistrationResult<2> result = register_images<2>(pair_of(make_phantom<2>(scene)), options);
+  const LevelSummary& finest = result.summary.levels.back();
+  ASSERT_TRUE(finest.has_finer);
+  ASSERT_EQ(finest.rounds, 2);
+  const std::vector<IterationRecord>& history = result.summary.history;
+  int steps = 0;
+  for (std::size_t i = 1; i < history.size(); ++i) {
+    if (history[i].level != history[i - 1].level) continue;
+    EXPECT_LE(history[i].energy, history[i - 1].energy * (1 + 1e-6)) << i;
+    ++steps;
+  }
+  EXPECT_GT(steps, 10);
+}
+
 // With lncc in 3-D order 0 is as wide as the motion is smooth. Oracles: the true motion; sliding, and all widths as
 // they are.
 TEST(AutoModel, CountsNarrowWidthsWhereSomethingIsSharp) {
