@@ -80,6 +80,16 @@ TEST(AutoChoices, ChoosesItsElementsBySimilarityDimensionAndContrast) {
   EXPECT_EQ(width_at(0.01), 0.8);
 }
 
+// Without them even weights leave most blocks and elements active.
+TEST(AutoChoices, MakesWeightsFromTheMomentaFound) {
+  for (Model model : {Model::Auto, Model::Sliding})
+    for (SimilarityType similarity : all_similarities())
+      for (Preset preset : all_presets())
+        EXPECT_EQ(default_options(model, similarity, preset).momenta.reweighted_rounds,
+                  similarity == SimilarityType::Ssd ? 2 : 1)
+            << to_string(model) << " " << to_string(similarity) << " " << to_string(preset);
+}
+
 TEST(AutoChoices, LetsCoarserScalesMoveFarWhereThatWasMeasured) {
   for (Model model : {Model::Auto, Model::Sliding, Model::Gaussian, Model::Wendland})
     for (SimilarityType similarity : {SimilarityType::Mi, SimilarityType::Ngf, SimilarityType::Mind})

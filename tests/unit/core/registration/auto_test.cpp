@@ -312,8 +312,8 @@ TEST(AutoModel, GivesOrder0ThatStaysAloneFinerScales) {
             1.02 * outcome_of(smooth, default_options(Model::Sliding, SimilarityType::Ssd, Preset::Balanced)).error_mm);
 }
 
-// Scales that there were keep their weights beside the finer ones, so the energy goes on from where it was. Oracle:
-// what another weight of theirs would make of the velocity.
+// Scales that there were keep their weights beside the finer ones, so the energy goes on from where it was: with
+// another weight the same momenta would make another velocity.
 TEST(AutoModel, GoesOnFromTheEnergyThatItHadWithFinerScales) {
   PhantomOptions scene = default_phantom_options(PhantomKind::Smooth);
   scene.size = {64, 64, 1};
