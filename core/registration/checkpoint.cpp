@@ -16,7 +16,7 @@ namespace {
 
 constexpr char kMagic[8] = {'S', 'A', 'L', 'T', 'U', 'S', 'C', 'P'};
 /// To be raised with every change of what is stored or of what is computed from it.
-constexpr std::uint32_t kVersion = 32;
+constexpr std::uint32_t kVersion = 33;
 
 struct Header {
   char magic[8];
@@ -141,6 +141,9 @@ void transfer_level(Stream& stream, Level& level) {
   stream(level.was_plain);
   stream(level.shear_before);
   stream(level.narrow_share);
+  stream(level.narrow_pull);
+  stream(level.own_pull);
+  stream(level.has_narrower);
   stream(level.oriented_elements);
   stream(level.map_steps);
   stream(level.map_error_mm);

@@ -239,6 +239,8 @@ MatchingLevel<Dim, float> ImagePyramid<Dim>::make_level(int level, const Lattice
   made.divergence_weight = divergence_weight(level);
   // Smoothing leaves what noise holds at the kernels' wavelengths as it is.
   made.noise = std::sqrt(2.0) * level_noise(level) * moving_range_;
+  made.noise_unit =
+      std::sqrt(2.0) * noise_of_level(1, fixed_lattice_, level_lattice(fixed_lattice_, level)) * moving_range_;
   made.time_steps = options_.flow.time_steps;
   made.map_steps = options_.flow.map_steps;
   made.evolution = options_.flow.evolution;

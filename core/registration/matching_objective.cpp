@@ -6,6 +6,8 @@
 
 #include <algorithm>
 #include <cmath>
+#include <functional>
+#include <numeric>
 
 namespace saltus {
 
@@ -160,7 +162,15 @@ template <int Dim, class T>
 bool MatchingObjective<Dim, T>::noise_gradient(const std::vector<T>& x, std::vector<T>& gradient,
                                                std::vector<T>& preconditioned) {
   if (!(level_.noise > 0)) return false;
-  const T sd = static_cast<T>(level_.noise);
+  noise_pull(level_.noise, x, gradient, preconditioned);
+  return true;
+}
+
+/// See noise_gradient, of that much noise.
+template <int Dim, class T>
+void MatchingObjective<Dim, T>::noise_pull(double noise, const std::vector<T>& x, std::vector<T>& gradient,
+                                           std::vector<T>& preconditioned) {
+  const T sd = static_cast<T>(noise);
   Field<T> noisy = warped_, image_dual(warped_.size()), weight_dual(weight_dual_.size());
 #pragma omp parallel for schedule(static)
   for (std::size_t i = 0; i < noisy.size(); ++i)
@@ -185,7 +195,24 @@ bool MatchingObjective<Dim, T>::noise_gradient(const std::vector<T>& x, std::vec
     warp_level<Dim, T>(level_, displacement, warped_, weights_, slopes());
   pull_back(image_dual, weight_dual, displacement, momenta, gradients, set_.dense_targets(preconditioned));
   set_.finish_gradient(gradient);
-  return true;
+}
+
+template <int Dim, class T>
+PullOverNoise MatchingObjective<Dim, T>::pull_over_noise(const std::vector<T>& x, std::size_t s,
+                                                         MomentumScale<Dim, T>& other, double noise) {
+  std::vector<T> gradient(size()), pull(set_.dense_size());
+  const auto square = [&](MomentumScale<Dim, T>& scale) {
+    const T* momenta = set_.dense_targets(pull)[s].zeroth;
+    Field<T> velocity(scale.field_size());
+    scale.synthesise(momenta, nullptr, velocity.data());
+    return std::inner_product(velocity.begin(), velocity.end(), momenta, 0.0, std::plus<>(),
+                              [](T a, T b) { return static_cast<double>(a) * b; });
+  };
+  evaluate(x, gradient, pull);
+  for (std::size_t i = 0; i < x.size(); ++i) pull[i] -= x[i];  // the penalty's part, see evaluate
+  const double own = square(*scales_[s]), of_other = square(other);
+  noise_pull(noise, x, gradient, pull);
+  return {own > 0 ? own / square(*scales_[s]) : 0, of_other > 0 ? of_other / square(other) : 0};
 }
 
 template <int Dim, class T>

@@ -20,6 +20,11 @@ struct EnergyParts {
   double regularisation = 0;
 };
 
+/// See MatchingObjective::pull_over_noise; 0 where nothing pulls.
+struct PullOverNoise {
+  double own = 0, other = 0;
+};
+
 /// Everything of one pyramid level that does not change while it is optimised.
 template <int Dim, class T>
 struct MatchingLevel {
@@ -30,7 +35,8 @@ struct MatchingLevel {
   FramedImage<Dim, T> moving_weights;  ///< no samples: 1 everywhere
   double similarity_weight = 1;
   double divergence_weight = 0;  ///< of 1/2 integral |div v|^2 over space and time
-  double noise = 0;  ///< white, of both images together as if it were the moving one's, sd in the images' unit
+  double noise = 0;       ///< white, of both images together as if it were the moving one's, sd in the images' unit
+  double noise_unit = 0;  ///< what `noise` would be with a standard deviation of the whole intensity range
   int time_steps = 4, map_steps = 1;
   Evolution evolution = Evolution::Exact;
 };
@@ -59,6 +65,10 @@ class MatchingObjective final : public Objective<T> {
   /// Of the level's noise: each sample of the warped image has sd more or less, where it counts by the same weights.
   /// The same one at every call.
   bool noise_gradient(const std::vector<T>& x, std::vector<T>& gradient, std::vector<T>& preconditioned) override;
+  /// What pulls at x at the momenta of order 0 of scale s of those that this was made of, over what noise of standard
+  /// deviation `noise` (in the images' unit, above 0) makes of it, both squared: in the norm of that scale, and in that
+  /// of another's order 0 on the same lattice. Two evaluations. Only where no first-order momenta are active.
+  PullOverNoise pull_over_noise(const std::vector<T>& x, std::size_t s, MomentumScale<Dim, T>& other, double noise);
   double first_step(const std::vector<T>& direction) override;
   const std::vector<GroupSparsity>& sparsity() const override { return set_.sparsity(); }
   bool has_more() const override { return set_.has_more(); }
@@ -94,6 +104,7 @@ class MatchingObjective final : public Objective<T> {
 
  private:
   Displacement<Dim, T> on_level(const Field<T>& field);
+  void noise_pull(double noise, const std::vector<T>& x, std::vector<T>& gradient, std::vector<T>& preconditioned);
   void scale_duals(Field<T>& image_dual, Field<T>& weight_dual) const;
   T* slopes();
   void pull_back(const Field<T>& image_dual, const Field<T>& weight_dual, const Displacement<Dim, T>& displacement,

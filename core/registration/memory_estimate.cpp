@@ -21,7 +21,8 @@ constexpr double kVector = Dim * sizeof(float);
 
 /// Velocities and positions of the map that there are at most.
 double most_nodes(const RegistrationOptions& options) {
-  const int map_steps = std::max(options.flow.map_steps, options.flow.map_tolerance > 0 ? kMostMapSteps : 1);
+  const bool may_be_more = options.flow.map_tolerance > 0 || options.momenta.narrower_pull > 0;
+  const int map_steps = std::max(options.flow.map_steps, may_be_more ? kMostMapSteps : 1);
   return static_cast<double>(options.flow.time_steps) * map_steps + 1;
 }
 
@@ -45,6 +46,7 @@ class RoundMemory {
         may_be_finer ? std::min(momenta_.finest_scale, options.pyramid.finest_level) : momenta_.finest_scale;
     finest_zeroth_ = finest;
     for (int q = finest; q < momenta_.finest_scale + momenta_.scales; ++q) count_zeroth(q);
+    if (smooth && momenta_.narrower_pull > 0) count_narrower(finest);
     for (int q = momenta_.first_order_finest_scale; is_first_at(q); ++q) {
       if (momenta_.orientations > 0) count_oriented(q);
       if (!(momenta_.orientations > 0 && is_zeroth_gaussian(options.model) && has_oriented_alone(momenta_)))
@@ -112,6 +114,16 @@ class RoundMemory {
     count_lattice(placed);
     const bool adds_velocity = placed > q && is_first_at(placed);
     bytes_ += sites * (1 + (momenta_.kernel_widths.size() > 1 ? 1 : 0) + (adds_velocity ? 1 : 0)) * kVector<Dim>;
+  }
+
+  /// Of the scale that is narrower than scale q, on its lattice: its momentum, and its velocity. While it is asked for,
+  /// before it has either, that of its kernel and a copy of the pull.
+  void count_narrower(int q) {
+    const double sites = sites_of(q + options_.flow.coarsening);
+    unknowns_ += Dim * sites;
+    zeroth_ += Dim * sites;
+    kept_ += sites * kVector<Dim>;
+    bytes_ += sites * 2 * kVector<Dim>;
   }
 
   /// Oriented momenta: normals, and a field in padded rows, at all sites, weights (and those before them) for all
@@ -199,7 +211,7 @@ class RoundMemory {
     const double run =
         unknowns_ * (4 * kScalar + 2 * history * pair_value) + zeroth_ * (2 * kScalar + history * pair_value);
     const double noise_look = kScalar * (unknowns_ * 3 + zeroth_ * 2 + sites_of(level_) * 3);
-    const bool looks = smooth_ && options_.optimisation.noise_tolerance > 0;
+    const bool looks = smooth_ && (options_.optimisation.noise_tolerance > 0 || momenta_.narrower_pull > 0);
     const bool keeps_beginning =
         momenta_.first_order_scales > 0 && momenta_.first_order_shear > 0 && !momenta_.first_order_waits;
     return (keeps_beginning ? zeroth_ * kScalar : 0) + (looks ? std::max(run, noise_look) : run);

@@ -243,6 +243,16 @@ const std::vector<Parameter>& parameters() {
           "velocity of the next coarser level is simple shear to less than this; 0: never, -1 (and nothing else below "
           "0): by similarity and dimension, 0 where kernel_widths or width_voxels is given",
           [](O & o) -> auto& { return o.momenta.narrow_width_shear; }),
+      real(
+          "narrower_pull", "", -1, Lower::Inclusive, inf,
+          "where order 0 stays alone on the finest level, it goes on once it has settled with one more scale, 2 (with "
+          "lncc 3) voxels of its finest scale wide, if what pulls at that has so many times the square of what noise "
+          "(1 "
+          "% of the intensity range at least) makes of it and, not with ssd, a tenth more than what pulls at the "
+          "finest "
+          "scale; 0: never, -1 (and nothing else below 0): by similarity and dimension, 0 where kernel_widths or "
+          "width_voxels is given",
+          [](O & o) -> auto& { return o.momenta.narrower_pull; }),
       kernel_widths(
           "first_order_kernel_widths", "voxels of the scale",
           "as kernel_widths, for scales of order 1 that have a kernel of their own (models sliding and auto); none: "
@@ -542,7 +552,8 @@ std::vector<std::string> problems(const RegistrationOptions& options) {
                     " and sparsity is 0, with which first orders always take part; set that above 0, or this to 0");
   const double plain = options.momenta.plain_shear;
   for (const auto& [name, asked] :
-       {std::pair("plain_shear", plain), std::pair("finer_shear", options.momenta.finer_shear)})
+       {std::pair("plain_shear", plain), std::pair("finer_shear", options.momenta.finer_shear),
+        std::pair("narrower_pull", options.momenta.narrower_pull)})
     if (asked > 0 && shear == 0)
       found.push_back("parameter " + std::string(name) + " is " + format(asked) +
                       " and first_order_shear is 0, with which nothing is asked of order 0; set it to 0");
@@ -552,6 +563,7 @@ std::vector<std::string> problems(const RegistrationOptions& options) {
   const std::pair<const char*, double> measured[] = {
       {"oblique_share", options.momenta.oblique_share},
       {"narrow_width_shear", options.momenta.narrow_width_shear},
+      {"narrower_pull", options.momenta.narrower_pull},
       {"divergence_weight", options.flow.divergence_weight},
       {"plain_shear", options.momenta.plain_shear},
       {"finer_shear", options.momenta.finer_shear},

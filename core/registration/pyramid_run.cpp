@@ -170,6 +170,7 @@ void PyramidRun<Dim>::begin_level(std::size_t step) {
   rounds_ = sparsity_rounds(options_.momenta, has_first_, has_found());
   if (decides_ && !options_.momenta.first_order_waits) rounds_.insert(rounds_.begin(), kOrderZeroAlone);
   if (level_.has_finer) rounds_.insert(rounds_.begin(), kOrderZeroAlone);
+  if (level_.has_narrower) rounds_.insert(rounds_.begin(), kOrderZeroAlone);
 
   if (is_resumed_ && static_cast<std::size_t>(level_.rounds) > rounds_.size())
     throw InvalidInput("the checkpoint is damaged, it is of round " + std::to_string(level_.rounds) +
@@ -186,7 +187,10 @@ void PyramidRun<Dim>::begin_level(std::size_t step) {
   how_.optimality_tolerance = options_.optimisation.optimality_tolerance;
 
   if (has_first_ && (!decides_ || level_.decision == FirstOrderDecision::LetIn)) begin_beside_first_orders();
-  if (level_.has_finer && level_.decision != FirstOrderDecision::LetIn) begin_finer_scales();
+  if (level_.has_narrower)
+    begin_narrower();
+  else if (level_.has_finer && level_.decision != FirstOrderDecision::LetIn)
+    begin_finer_scales();
 
   std::vector<Scalar>& momenta = reached_.minimiser.x;
   make_objective(rounds_[is_resumed_ ? level_.rounds - 1 : 0]);
@@ -267,18 +271,28 @@ void PyramidRun<Dim>::run_rounds() {
   }
 }
 
-/// Before a round: whether it comes to that. With order 0 alone on its finest scales there is one more.
+/// Before a round: whether it comes to that. With order 0 alone on its finest scales, and with a narrower one, there is
+/// one more.
 template <int Dim>
 bool PyramidRun<Dim>::goes_on(std::size_t round) {
   if (round == 0) return true;
   if (!decides_) return round > 1 || would_join();
+  if (level_.has_narrower) return false;
   if (level_.decision == FirstOrderDecision::LetIn || first_orders_are_worth_it()) return true;
-  if (!may_be_finer()) return false;
-  level_.has_finer = true;
-  level_.decision = FirstOrderDecision::None;  // that is yet to come
+  if (may_be_finer()) {
+    level_.has_finer = true;
+    level_.decision = FirstOrderDecision::None;  // that is yet to come
+    begin_finer_scales();
+  } else if (may_be_narrower() && finds_narrow_pull()) {
+    level_.has_narrower = true;
+    level_.map_steps = std::max(level_.map_steps, std::min(2 * level_.map_steps, kMostMapSteps));
+    images_.map_steps = level_.map_steps;
+    begin_narrower();
+  } else {
+    return false;
+  }
   rounds_.insert(rounds_.begin(), kOrderZeroAlone);
   now_.max_iterations += options_.optimisation.max_iterations;
-  begin_finer_scales();
   make_objective(kOrderZeroAlone);
   reached_.minimiser.x.resize(objective_->size(), Scalar(0));
   return true;
@@ -314,8 +328,8 @@ void PyramidRun<Dim>::minimise_round(std::size_t round) {
     how_.tolerance =
         std::max(how_.tolerance, has_own ? optimisation.first_round_tolerance : optimisation.round_tolerance);
   // Order 0 that is about to be asked whether something slides, or that is all that the level has.
-  else if ((round == 0 || (round == 1 && level_.has_finer)) && (decides_ || !has_first_) &&
-           optimisation.look_tolerance > 0)
+  else if ((round == 0 || level_.has_finer || level_.has_narrower) && is_smooth(rounds_[round]) &&
+           (decides_ || !has_first_) && optimisation.look_tolerance > 0)
     how_.tolerance = std::min(how_.tolerance, optimisation.look_tolerance);
   how_.noise_tolerance = is_smooth(rounds_[round]) ? optimisation.noise_tolerance : 0;
   how_.decrease_before = 0;

@@ -21,7 +21,8 @@ namespace saltus {
 /// While no first-order momentum exists and none may appear, order 0 is alone: all velocities are smooth, and momenta,
 /// flow and map live on a coarser lattice than the images (flow.coarsening). With momenta.first_order_shear each level
 /// begins so, and its velocity then tells whether first orders are worth it; once they were, all finer levels have
-/// them. Where they were not on the finest one, order 0 may get finer scales and be asked again (momenta.finer_shear).
+/// them. Where they were not on the finest one, order 0 may get finer scales and be asked again (momenta.finer_shear),
+/// and a narrower one in the end (momenta.narrower_pull).
 template <int Dim>
 class PyramidRun {
  public:
@@ -67,6 +68,10 @@ class PyramidRun {
   bool shows_slip(double least_shear);
   bool first_orders_are_worth_it();
   bool may_be_finer() const;
+  bool may_be_narrower() const;
+  const PlacedScale<Dim, Scalar>& finest_zeroth() const;
+  bool finds_narrow_pull();
+  void begin_narrower();
   void begin_finer_scales();
   void end_finer_scales();
   bool goes_on(std::size_t round);

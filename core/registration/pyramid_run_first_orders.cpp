@@ -10,6 +10,9 @@ namespace {
 /// Iterations of a level after which a slip may be plain, see momenta.plain_shear.
 constexpr int kEarlyLook = 3;
 
+/// Of the intensity range: where images have less noise, interpolation alone leaves as much as this would.
+constexpr double kLeastNoise = 0.01;
+
 }  // namespace
 
 /// Whether the velocity of order 0, which is alone, shows at least so much simple shear, and first orders want to be
@@ -84,6 +87,44 @@ void PyramidRun<Dim>::end_finer_scales() {
   make_objective(rounds_[0]);
 }
 
+/// Whether order 0 has all of its scales, on the finest level and alone for good, and may get one more.
+template <int Dim>
+bool PyramidRun<Dim>::may_be_narrower() const {
+  return options_.momenta.narrower_pull > 0 && !is_blank_ && step_ + 1 == levels_.size() &&
+         (level_.has_finer || options_.momenta.finest_scale <= std::max(levels_[step_], 1));
+}
+
+/// The finest scale that has order 0, which may get a narrower one beside it.
+template <int Dim>
+const PlacedScale<Dim, float>& PyramidRun<Dim>::finest_zeroth() const {
+  return *std::find_if(scales_.rbegin(), scales_.rend(),
+                       [](const auto& placed) { return has_zeroth(placed.scale->options().orders); });
+}
+
+/// Whether what would pull at a narrower scale where order 0 has settled stands out from noise.
+template <int Dim>
+bool PyramidRun<Dim>::finds_narrow_pull() {
+  reached_.minimiser = MinimiserState<Scalar>(std::move(reached_.minimiser.x));  // the curvature's memory goes
+  const auto narrow = make_narrow_scale<Dim, Scalar>(pyramid_.fixed_lattice(), options_, finest_zeroth());
+  const auto beside = std::find(active_.begin(), active_.end(), finest_zeroth().scale.get()) - active_.begin();
+  const double noise = std::max(pyramid_.noise(), kLeastNoise) * images_.noise_unit;
+  const PullOverNoise pull = objective_->pull_over_noise(reached_.minimiser.x, beside, *narrow.scale, noise);
+  level_.evaluations += 2;
+  level_.own_pull = pull.own;
+  level_.narrow_pull = pull.other;
+  return pull.other >= options_.momenta.narrower_pull &&
+         pull.other >= narrower_pull_share(options_.similarity) * pull.own;
+}
+
+/// One more scale of order 0. It comes last in x.
+template <int Dim>
+void PyramidRun<Dim>::begin_narrower() {
+  if (level_.has_finer) begin_finer_scales();
+  objective_.reset();
+  active_.clear();
+  scales_.push_back(make_narrow_scale<Dim, Scalar>(pyramid_.fixed_lattice(), options_, finest_zeroth()));
+}
+
 /// Where first orders waited and there are none yet: whether any wants to be there, with the least weight that is to
 /// come. If not, the next rounds would go on with what has settled. Directions and oriented momenta cannot be asked.
 template <int Dim>
@@ -127,6 +168,9 @@ void PyramidRun<Dim>::begin_beside_first_orders() {
 
 #define SALTUS_FIRST_ORDERS(DIM)                                    \
   template bool PyramidRun<DIM>::may_be_finer() const;              \
+  template bool PyramidRun<DIM>::may_be_narrower() const;           \
+  template bool PyramidRun<DIM>::finds_narrow_pull();               \
+  template void PyramidRun<DIM>::begin_narrower();                  \
   template void PyramidRun<DIM>::begin_finer_scales();              \
   template void PyramidRun<DIM>::end_finer_scales();                \
   template MinimiseSummary PyramidRun<DIM>::minimise_until_plain(); \

@@ -65,6 +65,9 @@ struct LevelSummary {
   bool was_plain = false;  ///< that order 0 had not settled by then, nor needed to
   double shear_before = -1;   ///< simple shear that the level before ended with; -1: narrow_width_shear did not ask
   double narrow_share = 1;    ///< what narrow widths count in the order-0 scale that begins here while it is alone
+  double narrow_pull = -1;    ///< what pulled at a narrower scale of order 0, see momenta.narrower_pull; -1: not asked
+  double own_pull = 0;        ///< and at the finest of those that there were
+  bool has_narrower = false;  ///< that it therefore went on with one
   int oriented_elements = 0;  ///< at the end: active oriented momenta
   int map_steps = 1;          ///< in each time step
   double map_error_mm = 0;    ///< at the end, of 99.9 % of the sites, see map_error; 0: nothing moved, or not asked

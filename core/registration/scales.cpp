@@ -21,6 +21,9 @@ struct FineWidth {
 template <int Dim>
 constexpr FineWidth kFineWidth = Dim == 3 ? FineWidth{2, 0.008} : FineWidth{0.7, 0.015};
 
+/// Of the scale that momenta.narrower_pull adds, voxels of the scale beside it; core/measurements.md, "Widths".
+double narrow_width(SimilarityType similarity) { return similarity == SimilarityType::Lncc ? 3 : 2; }
+
 /// Of full_contrast: an image may be all but blank, and something has to hold momenta back.
 constexpr double kLeastCounted = 0.25;
 /// What tolerances count at least, and those of rounds that others follow: core/measurements.md, "Sparsity".
@@ -84,6 +87,28 @@ double finer_shear(int dimension, const RegistrationOptions& options) {
 /// "Widths". In 3-D 4.5 is that of chance which keeps volumes.
 double sharp_shear(int dimension, SimilarityType similarity) {
   return dimension == 3 && similarity == SimilarityType::Lncc ? 4.5 : 0;
+}
+
+/// What pulls at a narrow kernel where that is of use, see momenta.narrower_pull: half way, as a ratio, between scenes
+/// that gain by it and others. Of mind, whose descriptors are shares of what varies nearby, these have no more than
+/// those; in 2-D it was not measured. core/measurements.md, "Widths".
+double narrower_pull(int dimension, SimilarityType similarity) {
+  if (dimension == 2) return 0;
+  switch (similarity) {
+    case SimilarityType::Ssd:
+      return 140;
+    case SimilarityType::Ncc:
+      return 40;
+    case SimilarityType::Lncc:
+      return 5;
+    case SimilarityType::Mi:
+      return 11;
+    case SimilarityType::Ngf:
+      return 3.4;
+    case SimilarityType::Mind:
+      return 0;
+  }
+  return 0;
 }
 
 /// With auto, whose momenta of oblique interfaces are oriented, for those along the axes; core/measurements.md,
@@ -209,6 +234,10 @@ void resolve_measured(int dimension, RegistrationOptions& o) {
     const bool is_measured = o.momenta.kernel_widths.empty() && o.momenta.width_voxels == 0;
     o.momenta.narrow_width_shear = is_measured ? sharp_shear(dimension, o.similarity) : 0;
   }
+  if (o.momenta.narrower_pull < 0) {
+    const bool is_measured = o.momenta.kernel_widths.empty() && o.momenta.width_voxels == 0;
+    o.momenta.narrower_pull = is_measured ? narrower_pull(dimension, o.similarity) : 0;
+  }
   // No more was wanted at full resolution in the 3-D images that this was measured on (core/measurements.md, "Memory").
   if (o.momenta.most_active_share == 0)
     o.momenta.most_active_share = o.model == Model::Auto && dimension == 3 ? 0.75 : 1;
@@ -313,7 +342,8 @@ RegistrationOptions resolved(const RegistrationOptions& options, const Lattice<D
     o.momenta.regularisation_beside_first = stiffer * o.momenta.regularisation;
   if (o.momenta.plain_shear < 0) o.momenta.plain_shear = plain_shear(Dim, o);
   if (o.momenta.finer_shear < 0) o.momenta.finer_shear = finer_shear(Dim, o);
-  if (o.momenta.first_order_shear == 0) o.momenta.plain_shear = o.momenta.finer_shear = 0;  // order 0 is not asked
+  if (o.momenta.first_order_shear == 0)  // order 0 is not asked
+    o.momenta.plain_shear = o.momenta.finer_shear = o.momenta.narrower_pull = 0;
   return o;
 }
 
@@ -345,6 +375,11 @@ bool shares_kernel(const RegistrationOptions& options, int q) {
 }
 
 }  // namespace
+
+double narrower_pull_share(SimilarityType similarity) {
+  // Of ssd what differs in intensity pulls at all widths.
+  return similarity == SimilarityType::Ssd ? 0 : 1.1;
+}
 
 bool has_oriented_alone(const RegistrationOptions::Momenta& momenta) {
   return momenta.orientations > 0 && momenta.oriented_alone == 2;
@@ -407,6 +442,17 @@ std::vector<PlacedScale<Dim, T>> make_scales(const Lattice<Dim>& image, const Re
   return scales;
 }
 
+template <int Dim, class T>
+PlacedScale<Dim, T> make_narrow_scale(const Lattice<Dim>& image, const RegistrationOptions& options,
+                                      const PlacedScale<Dim, T>& finest) {
+  const double reference = *std::min_element(image.spacing.begin(), image.spacing.end());
+  MomentumScaleOptions<Dim> made;
+  made.kernel = make_gaussian_profile(narrow_width(options.similarity) * std::ldexp(reference, finest.level));
+  made.lattice = finest.scale->lattice();
+  made.zeroth_weight = finest.scale->options().zeroth_weight;
+  return {finest.level, std::make_unique<MomentumScale<Dim, T>>(made)};
+}
+
 template RegistrationOptions resolved(const RegistrationOptions&, const Lattice<2>&, const ImageTraits&);
 template RegistrationOptions resolved(const RegistrationOptions&, const Lattice<3>&, const ImageTraits&);
 template Lattice<2> level_lattice(const Lattice<2>&, int);
@@ -423,5 +469,14 @@ template std::vector<PlacedScale<2, double>> make_scales(const Lattice<2>&, cons
                                                          const Field<double>&, double);
 template std::vector<PlacedScale<3, double>> make_scales(const Lattice<3>&, const RegistrationOptions&,
                                                          const Field<double>&, double);
+
+template PlacedScale<2, float> make_narrow_scale(const Lattice<2>&, const RegistrationOptions&,
+                                                 const PlacedScale<2, float>&);
+template PlacedScale<2, double> make_narrow_scale(const Lattice<2>&, const RegistrationOptions&,
+                                                  const PlacedScale<2, double>&);
+template PlacedScale<3, float> make_narrow_scale(const Lattice<3>&, const RegistrationOptions&,
+                                                 const PlacedScale<3, float>&);
+template PlacedScale<3, double> make_narrow_scale(const Lattice<3>&, const RegistrationOptions&,
+                                                  const PlacedScale<3, double>&);
 
 }  // namespace saltus

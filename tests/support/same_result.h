@@ -52,6 +52,9 @@ void expect_same_bits(const RegistrationResult<Dim>& a, const RegistrationResult
     EXPECT_EQ(one.has_finer, other.has_finer);
     EXPECT_EQ(one.shear_before, other.shear_before);
     EXPECT_EQ(one.narrow_share, other.narrow_share);
+    EXPECT_EQ(one.narrow_pull, other.narrow_pull);
+    EXPECT_EQ(one.own_pull, other.own_pull);
+    EXPECT_EQ(one.has_narrower, other.has_narrower);
     EXPECT_EQ(one.map_steps, other.map_steps);
     EXPECT_EQ(one.map_error_mm, other.map_error_mm);
   }

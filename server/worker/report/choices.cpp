@@ -81,7 +81,7 @@ std::string measured_from(const std::string& name, const ReportInput<Dim>& input
                ? "from the fixed image's contrast and noise (full_contrast)"
                : "from the model, the similarity, the preset and the dimension";
   if (name == "history") return "from the dimension, the similarity and the model";
-  if (name == "narrow_width_shear") {
+  if (name == "narrow_width_shear" || name == "narrower_pull") {
     const RegistrationOptions::Momenta& asked = input.options->momenta;
     return asked.kernel_widths.empty() && asked.width_voxels == 0
                ? "from the similarity and the dimension, for which it was measured"
@@ -157,6 +157,7 @@ std::vector<Choice> choices(const ReportInput<Dim>& input) {
     if (flow.map_tolerance == 0) continue;
     std::string why = level.level == 1 ? "nothing was known of the motion" : "by the motion found before";
     if (is_finest(level) && level.map_steps == flow.map_steps) why += "; on the finest level at least map_steps";
+    if (level.has_narrower) why += "; twice as many beside the narrower scale of order 0";
     if (level.map_steps == kMostMapSteps) why += "; at most " + std::to_string(kMostMapSteps);
     why += "; at the end 99.9 % of the sites are followed to within " + number(level.map_error_mm / level.spacing_mm) +
            " voxels (asked: " + number(flow.map_tolerance) + ")";
@@ -191,6 +192,18 @@ std::vector<Choice> choices(const ReportInput<Dim>& input) {
                          (is_in   ? "something slides"
                           : shows ? "something slides, but none of them wanted to join"
                                   : "nothing slides so much that they are worth their time"),
+                     false});
+  }
+  for (const LevelSummary& level : summary.levels) {
+    if (level.narrow_pull < 0) continue;
+    found.push_back({"level " + std::to_string(level.level) + ": a narrower scale of order 0, alone",
+                     level.has_narrower ? "added" : "left out", "",
+                     "with order 0 settled, what pulled at it had " + number(level.narrow_pull) +
+                         " times the square of what noise makes of it (asked: " +
+                         number(input.result->options.momenta.narrower_pull) + "), where its finest scale had " +
+                         number(level.own_pull) + ": " +
+                         (level.has_narrower ? "there is detail that wider kernels cannot follow"
+                                             : "wider kernels have followed what stands out from noise"),
                      false});
   }
   for (const LevelSummary& level : summary.levels) {

@@ -104,6 +104,9 @@ Json describe(const LevelSummary& level) {
   if (level.kept_out_share > 0) json["kept_out_block_share"] = level.kept_out_share;
   if (level.shear_before >= 0)
     json["narrow_widths"] = {{"share", level.narrow_share}, {"simple_shear_before", level.shear_before}};
+  if (level.narrow_pull >= 0)
+    json["narrower_order_0"] = {
+        {"added", level.has_narrower}, {"pull_over_noise", level.narrow_pull}, {"at_finest_scale", level.own_pull}};
   if (level.map_error_mm > 0) json["map_error_mm"] = level.map_error_mm;
   if (level.oblique_share > 0 || level.oriented_elements > 0)
     json["oriented_momenta"] = {{"elements", level.oriented_elements}, {"oblique_share", level.oblique_share}};

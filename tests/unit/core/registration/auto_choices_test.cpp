@@ -36,15 +36,23 @@ TEST(AutoChoices, ChoosesWhatDependsOnSimilarityAndDimension) {
       const bool asks = model == Model::Auto && similarity == SimilarityType::Lncc;
       EXPECT_EQ(deep.momenta.narrow_width_shear, asks ? 4.5 : 0);
       EXPECT_EQ(resolved(deep, cube).momenta.narrow_width_shear, deep.momenta.narrow_width_shear);
+      EXPECT_EQ(flat.momenta.narrower_pull, 0);
+      EXPECT_EQ(deep.momenta.narrower_pull > 0, model == Model::Auto && similarity != SimilarityType::Mind);
+      EXPECT_EQ(resolved(deep, cube).momenta.narrower_pull, deep.momenta.narrower_pull);
       EXPECT_EQ(flat.flow.time_steps, 1);
       EXPECT_EQ(flat.momenta.coarser_regularisation, 1);
       EXPECT_EQ(flat.flow.map_steps, model != Model::Auto && similarity == SimilarityType::Ssd ? 3 : 2);
       RegistrationOptions given = options;  // what is given counts as it is
       given.momenta.kernel_widths = {{9, 1}, {4, 1}};
       EXPECT_EQ(resolved(given, cube).momenta.narrow_width_shear, 0);
+      EXPECT_EQ(resolved(given, cube).momenta.narrower_pull, 0);
       given = options;
       given.momenta.width_voxels = 8;
       EXPECT_EQ(resolved(given, cube).momenta.narrow_width_shear, 0);
+      EXPECT_EQ(resolved(given, cube).momenta.narrower_pull, 0);
+      given = options;  // nothing is asked of order 0 then
+      given.momenta.first_order_shear = 0;
+      EXPECT_EQ(resolved(given, cube).momenta.narrower_pull, 0);
       given = options;  // as measured, also where another value is the default
       given.flow.divergence_weight = -1;
       EXPECT_EQ(resolved(given, cube).flow.divergence_weight, deep.flow.divergence_weight);
@@ -143,14 +151,16 @@ TEST(AutoChoices, RefusesWhatIsBelowNothingButStandsForNoMeasure) {
   options.flow.divergence_weight = -0.75;
   options.momenta.plain_shear = -2;
   options.momenta.finer_shear = -0.375;
+  options.momenta.narrower_pull = -0.625;
   options.optimisation.round_tolerance = -0.125;
   options.optimisation.first_round_tolerance = -0.25;
-  EXPECT_THAT(problems(options),
-              ::testing::UnorderedElementsAre(
-                  ::testing::HasSubstr("oblique_share is -0.5"), ::testing::HasSubstr("narrow_width_shear is -0.25"),
-                  ::testing::HasSubstr("divergence_weight is -0.75"), ::testing::HasSubstr("plain_shear is -2"),
-                  ::testing::HasSubstr("finer_shear is -0.375"), ::testing::HasSubstr(" round_tolerance is -0.125"),
-                  ::testing::HasSubstr("first_round_tolerance is -0.25")));
+  EXPECT_THAT(
+      problems(options),
+      ::testing::UnorderedElementsAre(
+          ::testing::HasSubstr("oblique_share is -0.5"), ::testing::HasSubstr("narrow_width_shear is -0.25"),
+          ::testing::HasSubstr("divergence_weight is -0.75"), ::testing::HasSubstr("plain_shear is -2"),
+          ::testing::HasSubstr("finer_shear is -0.375"), ::testing::HasSubstr("narrower_pull is -0.625"),
+          ::testing::HasSubstr(" round_tolerance is -0.125"), ::testing::HasSubstr("first_round_tolerance is -0.25")));
 }
 
 TEST(AutoChoices, HasOrientedMomentaOnlyWhereTheyAreCarried) {

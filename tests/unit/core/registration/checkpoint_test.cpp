@@ -269,6 +269,29 @@ TEST(Checkpoint, ResumesWhereOrder0HasFinerScalesWithTheSameEnd) {
   }
 }
 
+// Order 0 that stays alone may get a narrower scale in the end, with finer scales before it or without.
+TEST(Checkpoint, ResumesWhereOrder0HasANarrowerScaleWithTheSameEnd) {
+  for (double finer_shear : {0.0, 1e9}) {
+    SCOPED_TRACE(finer_shear);
+    RegistrationOptions options = quick();
+    options.optimisation.max_iterations = 4;
+    options.momenta.finest_scale = 1;
+    options.momenta.sparsity = 1e-5;
+    options.momenta.first_order_shear = 1e9;
+    options.momenta.finer_shear = finer_shear;
+    options.momenta.narrower_pull = 1e-9;
+    options.flow.map_steps = 1;
+    const RegistrationResult<2> whole = register_images<2>(plane(), options);
+    const LevelSummary& finest = whole.summary.levels.back();
+    ASSERT_TRUE(finest.has_narrower);
+    ASSERT_FALSE(whole.summary.levels.front().has_narrower);
+    ASSERT_EQ(finest.has_finer, finer_shear > 0);
+    ASSERT_EQ(finest.rounds, finer_shear > 0 ? 3 : 2);
+    ASSERT_EQ(finest.map_steps, 2);
+    resumes_anywhere<2>(plane(), options);
+  }
+}
+
 // What narrow widths count is found on the level before the finest scale begins, and is of all that come after, until
 // first orders are let in.
 TEST(Checkpoint, ResumesWhereNarrowWidthsCountLessWithTheSameEnd) {

@@ -3,6 +3,8 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <cmath>
+#include <numeric>
 #include <utility>
 
 #include "core/evaluation/field_error.h"
@@ -126,6 +128,70 @@ TEST(NoiseGradient, IsNotKnownWithoutNoise) {
   EXPECT_FALSE(objective.noise_gradient(x, untouched, untouched_p));
   EXPECT_EQ(untouched, std::vector<double>(x.size(), 7.0));
   EXPECT_EQ(untouched_p, std::vector<double>(x.size(), 8.0));
+}
+
+// Oracle: an objective that has the other scale as well, with no momenta, and the same noise of its own. Its gradient
+// is the kernel's of what pulls exactly where nothing moves yet.
+TEST(PullOverNoise, IsWhatAnotherScaleWouldFeelBesideWhatNoiseMakesOfIt) {
+  MatchingLevel<2, double> level;
+  level.lattice = {{29, 27}, {1, 1.25}, {}};
+  level.fixed = testing::random_waves<2>(level.lattice, 1);
+  level.moving = {level.lattice, testing::random_waves<2>(level.lattice, 2), Matrix<2>::Identity(), Vector<2>::Zero()};
+  level.similarity_weight = 0.7;
+  level.divergence_weight = 0.3;
+  level.time_steps = 2;
+  for (SimilarityType type : {SimilarityType::Ssd, SimilarityType::Lncc, SimilarityType::Mi}) {
+    SCOPED_TRACE(to_string(type));
+    RegistrationOptions options = default_options(Model::Gaussian, type, Preset::Balanced);
+    options.momenta.width_voxels = 4;
+    options.momenta.scales = 2;
+    options.momenta.finest_scale = 0;
+    options.momenta.regularisation = 1;
+    options = resolved(options, level.lattice);
+    auto placed = make_scales<2, double>(level.lattice, options);
+    auto narrow = make_narrow_scale<2, double>(level.lattice, options, placed.back());
+    std::vector<MomentumScale<2, double>*> scales;
+    for (auto& scale : placed) scales.push_back(scale.scale.get());
+    const Lattice<2> flow = level_lattice(level.lattice, options.flow.coarsening);
+    const auto similarity = [&] {
+      return make_similarity<2, double>(type, level.lattice, options.similarity_parameters, 1.0);
+    };
+    const double noise = 0.02;
+    MatchingObjective<2, double> objective(scales, level, similarity(), 0, flow);
+    const std::vector<double> x(objective.size(), 0.0);
+    const PullOverNoise found = objective.pull_over_noise(x, 1, *narrow.scale, noise);
+
+    MatchingLevel<2, double> noisy = level;
+    noisy.noise = noise;
+    scales.push_back(narrow.scale.get());
+    MatchingObjective<2, double> both(scales, noisy, similarity(), 0, flow);
+    const std::vector<double> none(both.size(), 0.0);
+    std::vector<double> gradient(none.size()), preconditioned(none.size());
+    const auto square = [&](std::size_t begin, std::size_t end) {
+      return std::inner_product(&gradient[begin], &gradient[end - 1] + 1, &preconditioned[begin], 0.0);
+    };
+    const std::size_t end = x.size(), middle = placed[0].scale->field_size();
+    both.evaluate(none, gradient, preconditioned);
+    const double own = square(middle, end), other = square(end, none.size());
+    ASSERT_TRUE(both.noise_gradient(none, gradient, preconditioned));
+    EXPECT_NEAR(found.own, own / square(middle, end), 1e-9 * found.own);
+    EXPECT_NEAR(found.other, other / square(end, none.size()), 1e-9 * found.other);
+    EXPECT_GT(std::abs(found.own - found.other), 1e-3 * found.own);
+
+    // What the penalty adds to it is no pull, and at a scale without momenta it adds nothing.
+    std::vector<double> moved = testing::random_values(x.size(), 5, 0.1);
+    const PullOverNoise there = objective.pull_over_noise(moved, 1, *narrow.scale, noise);
+    moved.resize(none.size(), 0.0);
+    const auto of_kernel = [&] {
+      std::vector<double> velocity(narrow.scale->field_size());
+      narrow.scale->synthesise(&preconditioned[end], nullptr, velocity.data());
+      return std::inner_product(velocity.begin(), velocity.end(), &preconditioned[end], 0.0);
+    };
+    both.evaluate(moved, gradient, preconditioned);
+    const double pull = of_kernel();
+    both.noise_gradient(moved, gradient, preconditioned);
+    EXPECT_NEAR(there.other, pull / of_kernel(), 1e-9 * there.other);
+  }
 }
 
 struct Ended {

@@ -203,6 +203,30 @@ TEST(Choices, TellWhatNarrowWidthsCountAndWhy) {
               Contains(AllOf(named, Field(&Choice::value, "count 0.125 of that"), because("3.5", "is smooth"))));
 }
 
+TEST(Choices, TellWhetherOrder0GotANarrowerScaleAndWhy) {
+  ReportScene<2> scene(3);
+  const auto named = Field(&Choice::name, "level 1: a narrower scale of order 0, alone");
+  EXPECT_THAT(choices(scene.report), Not(Contains(named)));  // nobody asked
+  LevelSummary& level = scene.result.summary.levels[0];
+  scene.result.options.momenta.narrower_pull = 16.5;
+  level.narrow_pull = 2.5;
+  level.own_pull = 1.5;
+  EXPECT_THAT(
+      choices(scene.report),
+      Contains(AllOf(
+          named, Field(&Choice::value, "left out"),
+          Field(&Choice::why, AllOf(HasSubstr("had 2.5 times the square"),
+                                    HasSubstr("(asked: 16.5), where its finest scale had 1.5: wider kernels have"))))));
+  scene.result.options.flow.map_tolerance = 0.5;
+  const auto steps = Field(&Choice::why, HasSubstr("twice as many beside the narrower scale"));
+  EXPECT_THAT(choices(scene.report), Not(Contains(steps)));
+  level.narrow_pull = 31.5;
+  level.has_narrower = true;
+  EXPECT_THAT(choices(scene.report), Contains(AllOf(named, Field(&Choice::value, "added"),
+                                                    Field(&Choice::why, HasSubstr("had 1.5: there is detail")))));
+  EXPECT_THAT(choices(scene.report), Contains(AllOf(Field(&Choice::name, "level 1: steps of the map"), steps)));
+}
+
 TEST(Choices, TellWhereTheImagesWereCompared) {
   ReportScene<2> scene(3);
   const auto named = Field(&Choice::name, "region");

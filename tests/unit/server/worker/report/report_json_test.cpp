@@ -70,6 +70,18 @@ TEST(ReportJson, TellsWhatNarrowWidthsCountAndWhy) {
             json({{"share", 0.125}, {"simple_shear_before", 3.5}}));
 }
 
+TEST(ReportJson, TellsWhetherOrder0GotANarrowerScaleAndWhy) {
+  ReportScene<2> scene(3);
+  EXPECT_FALSE(json::parse(json_of(scene.report))["levels"][0].contains("narrower_order_0"));
+  scene.result.summary.levels[0].narrow_pull = 31.5;
+  scene.result.summary.levels[0].own_pull = 15.75;
+  for (bool is_added : {true, false}) {
+    scene.result.summary.levels[0].has_narrower = is_added;
+    EXPECT_EQ(json::parse(json_of(scene.report))["levels"][0]["narrower_order_0"],
+              json({{"added", is_added}, {"pull_over_noise", 31.5}, {"at_finest_scale", 15.75}}));
+  }
+}
+
 TEST(ReportJson, TellsHowManyBlocksWereKeptOut) {
   ReportScene<2> scene(3);
   EXPECT_FALSE(json::parse(json_of(scene.report))["levels"][0].contains("kept_out_block_share"));
