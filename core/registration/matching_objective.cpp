@@ -212,7 +212,8 @@ PullOverNoise MatchingObjective<Dim, T>::pull_over_noise(const std::vector<T>& x
   for (std::size_t i = 0; i < x.size(); ++i) pull[i] -= x[i];  // the penalty's part, see evaluate
   const double own = square(*scales_[s]), of_other = square(other);
   noise_pull(noise, x, gradient, pull);
-  return {own > 0 ? own / square(*scales_[s]) : 0, of_other > 0 ? of_other / square(other) : 0};
+  const auto over = [&](double found, double of_noise) { return found > 0 && of_noise > 0 ? found / of_noise : 0; };
+  return {over(own, square(*scales_[s])), over(of_other, square(other))};
 }
 
 template <int Dim, class T>

@@ -20,7 +20,7 @@ struct EnergyParts {
   double regularisation = 0;
 };
 
-/// See MatchingObjective::pull_over_noise; 0 where nothing pulls.
+/// See MatchingObjective::pull_over_noise; 0 where nothing pulls, or no noise would.
 struct PullOverNoise {
   double own = 0, other = 0;
 };

@@ -21,8 +21,7 @@ constexpr double kVector = Dim * sizeof(float);
 
 /// Velocities and positions of the map that there are at most.
 double most_nodes(const RegistrationOptions& options) {
-  const bool may_be_more = options.flow.map_tolerance > 0 || options.momenta.narrower_pull > 0;
-  const int map_steps = std::max(options.flow.map_steps, may_be_more ? kMostMapSteps : 1);
+  const int map_steps = std::max(options.flow.map_steps, options.flow.map_tolerance > 0 ? kMostMapSteps : 1);
   return static_cast<double>(options.flow.time_steps) * map_steps + 1;
 }
 
@@ -116,8 +115,7 @@ class RoundMemory {
     bytes_ += sites * (1 + (momenta_.kernel_widths.size() > 1 ? 1 : 0) + (adds_velocity ? 1 : 0)) * kVector<Dim>;
   }
 
-  /// Of the scale that is narrower than scale q, on its lattice: its momentum, and its velocity. While it is asked for,
-  /// before it has either, that of its kernel and a copy of the pull.
+  /// Of the scale that is narrower than scale q, on its lattice: its momentum, and its velocity.
   void count_narrower(int q) {
     const double sites = sites_of(q + options_.flow.coarsening);
     unknowns_ += Dim * sites;

@@ -245,13 +245,11 @@ const std::vector<Parameter>& parameters() {
           [](O & o) -> auto& { return o.momenta.narrow_width_shear; }),
       real(
           "narrower_pull", "", -1, Lower::Inclusive, inf,
-          "where order 0 stays alone on the finest level, it goes on once it has settled with one more scale, 2 (with "
-          "lncc 3) voxels of its finest scale wide, if what pulls at that has so many times the square of what noise "
-          "(1 "
-          "% of the intensity range at least) makes of it and, not with ssd, a tenth more than what pulls at the "
-          "finest "
-          "scale; 0: never, -1 (and nothing else below 0): by similarity and dimension, 0 where kernel_widths or "
-          "width_voxels is given",
+          "where order 0 has settled, alone, on the finest level, with scales as fine as that (1 at least), it goes on "
+          "with one more, Gaussian and 2 (with lncc 3) voxels of the finest scale wide, if the square of what pulls at "
+          "that is so many times what noise (1 % of the intensity range at least) makes of it and, not with ssd, a "
+          "tenth more times than at the finest scale; 0: never, -1 (and nothing else below 0): by similarity, preset "
+          "and dimension, 0 where kernel_widths, width_voxels, another coarsening or first_order_shear 0 is given",
           [](O & o) -> auto& { return o.momenta.narrower_pull; }),
       kernel_widths(
           "first_order_kernel_widths", "voxels of the scale",
@@ -485,8 +483,8 @@ const std::vector<Parameter>& parameters() {
           [](O & o) -> auto& { return o.optimisation.keep_pairs; }),
       real(
           "look_tolerance", "", 0, Lower::Inclusive, 1,
-          "the same of a round of order 0 alone: before it is asked whether something slides, or on a level without "
-          "first orders; where smaller than tolerance, 0: that",
+          "the same of a round of order 0 alone: before it is asked whether something slides, on a level without "
+          "first orders, or with a narrower scale; where smaller than tolerance, 0: that",
           [](O & o) -> auto& { return o.optimisation.look_tolerance; }),
       real(
           "optimality_tolerance", "", 0, Lower::Inclusive, 1,

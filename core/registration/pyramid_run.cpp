@@ -187,10 +187,8 @@ void PyramidRun<Dim>::begin_level(std::size_t step) {
   how_.optimality_tolerance = options_.optimisation.optimality_tolerance;
 
   if (has_first_ && (!decides_ || level_.decision == FirstOrderDecision::LetIn)) begin_beside_first_orders();
-  if (level_.has_narrower)
-    begin_narrower();
-  else if (level_.has_finer && level_.decision != FirstOrderDecision::LetIn)
-    begin_finer_scales();
+  if (level_.has_finer && level_.decision != FirstOrderDecision::LetIn) begin_finer_scales();
+  if (level_.has_narrower) begin_narrower();
 
   std::vector<Scalar>& momenta = reached_.minimiser.x;
   make_objective(rounds_[is_resumed_ ? level_.rounds - 1 : 0]);
@@ -285,8 +283,8 @@ bool PyramidRun<Dim>::goes_on(std::size_t round) {
     begin_finer_scales();
   } else if (may_be_narrower() && finds_narrow_pull()) {
     level_.has_narrower = true;
-    level_.map_steps = std::max(level_.map_steps, std::min(2 * level_.map_steps, kMostMapSteps));
-    images_.map_steps = level_.map_steps;
+    if (options_.flow.map_tolerance > 0)  // what is narrow is steep
+      level_.map_steps = images_.map_steps = std::max(level_.map_steps, std::min(2 * level_.map_steps, kMostMapSteps));
     begin_narrower();
   } else {
     return false;
@@ -334,8 +332,8 @@ void PyramidRun<Dim>::minimise_round(std::size_t round) {
   how_.noise_tolerance = is_smooth(rounds_[round]) ? optimisation.noise_tolerance : 0;
   how_.decrease_before = 0;
   if (round > 0 && options_.momenta.first_order_waits) {
-    // A round in which first orders waited minimised the same energy, unless order 0 got another weight after it;
-    // others one with other weights.
+    // A round in which first orders waited minimised the same energy, or with a narrower scale to come one whose
+    // decrease counts like it, unless order 0 got another weight after it; others one with other weights.
     const bool is_same =
         !rounds_[round - 1].lets_blocks_join && !(is_beside_first_ && level_.decision == FirstOrderDecision::LetIn);
     const double share = is_same ? 1 : kShareOfRoundsBefore;
@@ -450,7 +448,7 @@ bool PyramidRun<Dim>::accept(const MinimiseStep& taken) {
 template <int Dim>
 void PyramidRun<Dim>::expect_of_level() {
   const bool is_alone = decides_ && level_.decision != FirstOrderDecision::LetIn;
-  const double left_alone = may_be_finer() ? 1 : 0.25;
+  const double left_alone = level_.has_narrower ? 0 : may_be_finer() ? 1 : 0.25;
   const auto rounds_left = is_alone ? left_alone : static_cast<double>(rounds_.size()) - level_.rounds;
   // Blocks that join may keep an energy going that had settled.
   const bool may_join = rounds_[static_cast<std::size_t>(level_.rounds) - 1].lets_blocks_join && objective_->has_more();

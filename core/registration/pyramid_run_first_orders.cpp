@@ -87,11 +87,14 @@ void PyramidRun<Dim>::end_finer_scales() {
   make_objective(rounds_[0]);
 }
 
-/// Whether order 0 has all of its scales, on the finest level and alone for good, and may get one more.
+/// Whether order 0 has settled with all of its scales, on the finest level and alone for good, and may get one more.
 template <int Dim>
 bool PyramidRun<Dim>::may_be_narrower() const {
-  return options_.momenta.narrower_pull > 0 && !is_blank_ && step_ + 1 == levels_.size() &&
-         (level_.has_finer || options_.momenta.finest_scale <= std::max(levels_[step_], 1));
+  const int level = levels_[step_], finest = options_.momenta.finest_scale;
+  const bool has_settled = level_.termination == Termination::Converged || level_.termination == Termination::Settled ||
+                           level_.termination == Termination::NoiseFloor;
+  return options_.momenta.narrower_pull > 0 && has_settled && step_ + 1 == levels_.size() &&
+         (level_.has_finer || (finest >= level && finest <= std::max(level, 1)));
 }
 
 /// The finest scale that has order 0, which may get a narrower one beside it.
@@ -119,7 +122,6 @@ bool PyramidRun<Dim>::finds_narrow_pull() {
 /// One more scale of order 0. It comes last in x.
 template <int Dim>
 void PyramidRun<Dim>::begin_narrower() {
-  if (level_.has_finer) begin_finer_scales();
   objective_.reset();
   active_.clear();
   scales_.push_back(make_narrow_scale<Dim, Scalar>(pyramid_.fixed_lattice(), options_, finest_zeroth()));

@@ -235,7 +235,7 @@ void resolve_measured(int dimension, RegistrationOptions& o) {
     o.momenta.narrow_width_shear = is_measured ? sharp_shear(dimension, o.similarity) : 0;
   }
   if (o.momenta.narrower_pull < 0) {
-    const bool is_measured = o.momenta.kernel_widths.empty() && o.momenta.width_voxels == 0;
+    const bool is_measured = o.momenta.kernel_widths.empty() && o.momenta.width_voxels == 0 && o.flow.coarsening == 1;
     o.momenta.narrower_pull = is_measured ? narrower_pull(dimension, o.similarity) : 0;
   }
   // No more was wanted at full resolution in the 3-D images that this was measured on (core/measurements.md, "Memory").

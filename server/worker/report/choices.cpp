@@ -81,7 +81,15 @@ std::string measured_from(const std::string& name, const ReportInput<Dim>& input
                ? "from the fixed image's contrast and noise (full_contrast)"
                : "from the model, the similarity, the preset and the dimension";
   if (name == "history") return "from the dimension, the similarity and the model";
-  if (name == "narrow_width_shear" || name == "narrower_pull") {
+  if (name == "narrower_pull") {
+    const RegistrationOptions& asked = *input.options;
+    if (input.result->options.momenta.first_order_shear == 0)
+      return "order 0 is never alone for good where first_order_shear is 0";
+    if (!asked.momenta.kernel_widths.empty() || asked.momenta.width_voxels > 0 || asked.flow.coarsening != 1)
+      return "from the widths or the coarsening that were given, which count as they are";
+    return Dim == 2 ? "it was not measured for 2-D images" : "from the similarity, for which it was measured";
+  }
+  if (name == "narrow_width_shear") {
     const RegistrationOptions::Momenta& asked = input.options->momenta;
     return asked.kernel_widths.empty() && asked.width_voxels == 0
                ? "from the similarity and the dimension, for which it was measured"
@@ -157,7 +165,7 @@ std::vector<Choice> choices(const ReportInput<Dim>& input) {
     if (flow.map_tolerance == 0) continue;
     std::string why = level.level == 1 ? "nothing was known of the motion" : "by the motion found before";
     if (is_finest(level) && level.map_steps == flow.map_steps) why += "; on the finest level at least map_steps";
-    if (level.has_narrower) why += "; twice as many beside the narrower scale of order 0";
+    if (level.has_narrower) why += "; up to twice as many with the narrower scale of order 0";
     if (level.map_steps == kMostMapSteps) why += "; at most " + std::to_string(kMostMapSteps);
     why += "; at the end 99.9 % of the sites are followed to within " + number(level.map_error_mm / level.spacing_mm) +
            " voxels (asked: " + number(flow.map_tolerance) + ")";
@@ -196,14 +204,15 @@ std::vector<Choice> choices(const ReportInput<Dim>& input) {
   }
   for (const LevelSummary& level : summary.levels) {
     if (level.narrow_pull < 0) continue;
+    const double asked = input.result->options.momenta.narrower_pull;
     found.push_back({"level " + std::to_string(level.level) + ": a narrower scale of order 0, alone",
                      level.has_narrower ? "added" : "left out", "",
-                     "with order 0 settled, what pulled at it had " + number(level.narrow_pull) +
-                         " times the square of what noise makes of it (asked: " +
-                         number(input.result->options.momenta.narrower_pull) + "), where its finest scale had " +
-                         number(level.own_pull) + ": " +
-                         (level.has_narrower ? "there is detail that wider kernels cannot follow"
-                                             : "wider kernels have followed what stands out from noise"),
+                     "with order 0 settled, the square of what pulled at it was " + number(level.narrow_pull) +
+                         " times what noise makes of it (asked: " + number(asked) + "), and " + number(level.own_pull) +
+                         " times at its finest scale: " +
+                         (level.has_narrower          ? "there is detail that wider kernels do not follow"
+                          : level.narrow_pull < asked ? "too little detail stands out from noise"
+                                                      : "it is not the width that holds order 0 back"),
                      false});
   }
   for (const LevelSummary& level : summary.levels) {

@@ -98,6 +98,27 @@ TEST(AutoChoices, MakesWeightsFromTheMomentaFound) {
             << to_string(model) << " " << to_string(similarity) << " " << to_string(preset);
 }
 
+TEST(AutoChoices, AsksForANarrowerScaleWhereThatWasMeasured) {
+  const Lattice<3> cube{{128, 128, 128}, {1, 1, 1}, {}};
+  const std::map<SimilarityType, double> measured = {{SimilarityType::Ssd, 140}, {SimilarityType::Ncc, 40},
+                                                     {SimilarityType::Lncc, 5},  {SimilarityType::Mi, 11},
+                                                     {SimilarityType::Ngf, 3.4}, {SimilarityType::Mind, 0}};
+  for (const auto& [similarity, expected] : measured)
+    for (Preset preset : all_presets()) {
+      RegistrationOptions options = default_options(Model::Auto, similarity, preset);
+      EXPECT_EQ(resolved(options, cube).momenta.narrower_pull, preset == Preset::Balanced ? expected : 0)
+          << to_string(similarity) << " " << to_string(preset);
+      options.flow.coarsening = 2;  // widths were measured with 1
+      EXPECT_EQ(resolved(options, cube).momenta.narrower_pull, 0);
+    }
+  RegistrationOptions options = default_options(Model::Auto, SimilarityType::Lncc, Preset::Balanced);
+  options.momenta.narrower_pull = 3.5;
+  EXPECT_TRUE(problems(options).empty());
+  options.momenta.first_order_shear = options.momenta.plain_shear = 0;
+  EXPECT_THAT(problems(options),
+              ::testing::ElementsAre(::testing::HasSubstr("narrower_pull is 3.5 and first_order_shear is 0")));
+}
+
 TEST(AutoChoices, LetsCoarserScalesMoveFarWhereThatWasMeasured) {
   for (Model model : {Model::Auto, Model::Sliding, Model::Gaussian, Model::Wendland})
     for (SimilarityType similarity : {SimilarityType::Mi, SimilarityType::Ngf, SimilarityType::Mind})

@@ -429,6 +429,34 @@ TEST_P(Narrower, FollowsDetailAndNoNoise) {
   }
 }
 
+// It is not asked of order 0 that has not settled, nor of one whose scales end elsewhere than the level; and what pulls
+// at the finest scale as well is not for a narrower one.
+TEST(NarrowerScale, IsForWhatWiderOnesCannotFollow) {
+  const Phantom<3> detailed = detailed_scene();
+  RegistrationOptions options = default_options(Model::Auto, SimilarityType::Lncc, Preset::Balanced);
+  options.momenta.narrower_pull = 1e-9;
+  const auto finest_of = [&](const Phantom<3>& phantom, const RegistrationOptions& asked) {
+    return register_images<3>(pair_of(phantom), asked).summary.levels.back();
+  };
+  RegistrationOptions unsettled = options, finer = options, coarser = options;
+  unsettled.optimisation.max_iterations = 3;
+  finer.momenta.finest_scale = 0;
+  coarser.momenta.finest_scale = 2;
+  for (const RegistrationOptions& other : {unsettled, finer, coarser})
+    EXPECT_EQ(finest_of(detailed, other).narrow_pull, -1);
+  EXPECT_TRUE(finest_of(detailed, options).has_narrower);
+
+  // Order 0 that is held so much leaves behind what is smooth.
+  PhantomOptions scene = default_phantom_options(PhantomKind::Smooth, 3);
+  scene.size = {64, 64, 64};
+  scene.displacement_mm = 4;
+  options.momenta.regularisation = 1e-2;
+  const LevelSummary held = finest_of(make_phantom<3>(scene), options);
+  EXPECT_GT(held.narrow_pull, options.momenta.narrower_pull);
+  EXPECT_LT(held.narrow_pull, 1.1 * held.own_pull);
+  EXPECT_FALSE(held.has_narrower);
+}
+
 INSTANTIATE_TEST_SUITE_P(Similarities, Narrower,
                          ::testing::Values(SimilarityType::Ssd, SimilarityType::Ncc, SimilarityType::Lncc,
                                            SimilarityType::Mi, SimilarityType::Ngf),

@@ -211,19 +211,23 @@ TEST(Choices, TellWhetherOrder0GotANarrowerScaleAndWhy) {
   scene.result.options.momenta.narrower_pull = 16.5;
   level.narrow_pull = 2.5;
   level.own_pull = 1.5;
-  EXPECT_THAT(
-      choices(scene.report),
-      Contains(AllOf(
-          named, Field(&Choice::value, "left out"),
-          Field(&Choice::why, AllOf(HasSubstr("had 2.5 times the square"),
-                                    HasSubstr("(asked: 16.5), where its finest scale had 1.5: wider kernels have"))))));
+  EXPECT_THAT(choices(scene.report),
+              Contains(AllOf(named, Field(&Choice::value, "left out"),
+                             Field(&Choice::why,
+                                   AllOf(HasSubstr("was 2.5 times what noise"),
+                                         HasSubstr("(asked: 16.5), and 1.5 times at its finest scale: too little"))))));
   scene.result.options.flow.map_tolerance = 0.5;
-  const auto steps = Field(&Choice::why, HasSubstr("twice as many beside the narrower scale"));
+  const auto steps = Field(&Choice::why, HasSubstr("up to twice as many with the narrower scale"));
   EXPECT_THAT(choices(scene.report), Not(Contains(steps)));
   level.narrow_pull = 31.5;
+  level.own_pull = 31.25;
+  EXPECT_THAT(choices(scene.report), Contains(AllOf(named, Field(&Choice::value, "left out"),
+                                                    Field(&Choice::why, HasSubstr("it is not the width")))));
+  level.own_pull = 1.5;
   level.has_narrower = true;
-  EXPECT_THAT(choices(scene.report), Contains(AllOf(named, Field(&Choice::value, "added"),
-                                                    Field(&Choice::why, HasSubstr("had 1.5: there is detail")))));
+  EXPECT_THAT(choices(scene.report),
+              Contains(AllOf(named, Field(&Choice::value, "added"),
+                             Field(&Choice::why, HasSubstr("1.5 times at its finest scale: there is detail")))));
   EXPECT_THAT(choices(scene.report), Contains(AllOf(Field(&Choice::name, "level 1: steps of the map"), steps)));
 }
 
