@@ -53,8 +53,8 @@ struct RegistrationOptions {
     /// Where order 0 has settled, alone, on the finest level, with scales as fine as that (1 at least), it goes on with
     /// one more, Gaussian and 2 (with lncc 3) voxels of the finest scale wide, if the square of what pulls at that is
     /// so many times what noise makes of it, a noise of 1 % of the intensity range at least, and (not with ssd) a tenth
-    /// more times than at the finest scale; 0: never; -1: what was measured, 0 where kernel_widths, width_voxels or
-    /// another coarsening is given (core/measurements.md, "Widths").
+    /// (with mind half) more times than at the finest scale; 0: never; -1: what was measured, 0 where kernel_widths,
+    /// width_voxels or another coarsening is given (core/measurements.md, "Widths").
     double narrower_pull = 0;
     std::vector<KernelWidth> first_order_kernel_widths;  ///< of the scales of order 1 alone; empty: width_voxels
     int scales = 0;         ///< number of order-0 scales, each twice as wide as the next; 0: one a level

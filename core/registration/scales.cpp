@@ -90,8 +90,8 @@ double sharp_shear(int dimension, SimilarityType similarity) {
 }
 
 /// What pulls at a narrow kernel where that is of use, see momenta.narrower_pull: half way, as a ratio, between scenes
-/// that gain by it and others. Of mind, whose descriptors are shares of what varies nearby, these have no more than
-/// those; in 2-D it was not measured. core/measurements.md, "Widths".
+/// that gain by it and others. With mind, whose descriptors are shares of what varies nearby, narrower_pull_share tells
+/// them apart. In 2-D it was not measured. core/measurements.md, "Widths".
 double narrower_pull(int dimension, SimilarityType similarity) {
   if (dimension == 2) return 0;
   switch (similarity) {
@@ -106,7 +106,7 @@ double narrower_pull(int dimension, SimilarityType similarity) {
     case SimilarityType::Ngf:
       return 3.4;
     case SimilarityType::Mind:
-      return 0;
+      return 0.3;
   }
   return 0;
 }
@@ -377,8 +377,18 @@ bool shares_kernel(const RegistrationOptions& options, int q) {
 }  // namespace
 
 double narrower_pull_share(SimilarityType similarity) {
-  // Of ssd what differs in intensity pulls at all widths.
-  return similarity == SimilarityType::Ssd ? 0 : 1.1;
+  switch (similarity) {
+    case SimilarityType::Ssd:  // what differs in intensity pulls at all widths
+      return 0;
+    case SimilarityType::Mind:
+      return 1.5;
+    case SimilarityType::Ncc:
+    case SimilarityType::Lncc:
+    case SimilarityType::Mi:
+    case SimilarityType::Ngf:
+      return 1.1;
+  }
+  return 1.1;
 }
 
 bool has_oriented_alone(const RegistrationOptions::Momenta& momenta) {

@@ -457,9 +457,7 @@ TEST(NarrowerScale, IsForWhatWiderOnesCannotFollow) {
   EXPECT_FALSE(held.has_narrower);
 }
 
-INSTANTIATE_TEST_SUITE_P(Similarities, Narrower,
-                         ::testing::Values(SimilarityType::Ssd, SimilarityType::Ncc, SimilarityType::Lncc,
-                                           SimilarityType::Mi, SimilarityType::Ngf),
+INSTANTIATE_TEST_SUITE_P(Similarities, Narrower, ::testing::ValuesIn(all_similarities()),
                          [](const auto& info) { return to_string(info.param); });
 
 // Blocks may have been asked for on the coarser level without one joining: the finer one begins with order 0 alone.
