@@ -371,25 +371,6 @@ void PyramidRun<Dim>::end_level() {
   if (level_.termination != Termination::Stopped) ask_for_narrow_widths();
 }
 
-/// Where order 0 begins its finest scale on the next level, and alone: how sharp what this one has found is.
-template <int Dim>
-void PyramidRun<Dim>::ask_for_narrow_widths() {
-  const RegistrationOptions::Momenta& momenta = options_.momenta;
-  if (momenta.narrow_width_shear == 0 || momenta.kernel_widths.size() < 2 || step_ + 1 == levels_.size()) return;
-  const int next = levels_[step_ + 1];
-  if (levels_[step_] <= momenta.finest_scale || next > momenta.finest_scale) return;
-  if (has_first_at(next) && !decides_at(next)) return;
-  shear_before_ = simple_shear(objective_->flow_lattice(), objective_->starting_velocity(reached_.minimiser.x));
-}
-
-/// What narrow widths count in the finest scale of order 0 as long as there are no first orders beside it.
-template <int Dim>
-double PyramidRun<Dim>::narrow_share() const {
-  double share = level_.narrow_share;
-  for (const LevelSummary& before : summary_.levels) share = std::min(share, before.narrow_share);
-  return share;
-}
-
 /// Of the next level, from what this one has found.
 template <int Dim>
 void PyramidRun<Dim>::choose_map_steps() {

@@ -10,9 +10,6 @@ namespace {
 /// Iterations of a level after which a slip may be plain, see momenta.plain_shear.
 constexpr int kEarlyLook = 3;
 
-/// Of the intensity range: where images have less noise, interpolation alone leaves as much as this would.
-constexpr double kLeastNoise = 0.01;
-
 }  // namespace
 
 /// Whether the velocity of order 0, which is alone, shows at least so much simple shear, and first orders want to be
@@ -54,77 +51,6 @@ bool PyramidRun<Dim>::first_orders_are_worth_it() {
   begin_beside_first_orders();
   for (std::size_t step = step_; step < levels_.size(); ++step) meter_.expect(step, planned_work(levels_[step], true));
   return true;
-}
-
-/// Whether order 0, which stays alone, has left finer scales to first orders, and has to do without them for good: on
-/// the finest level.
-template <int Dim>
-bool PyramidRun<Dim>::may_be_finer() const {
-  return options_.momenta.finer_shear > 0 && !options_.momenta.first_order_waits && !level_.has_finer && !is_blank_ &&
-         narrow_share() == 1 && step_ + 1 == levels_.size() && options_.momenta.finest_scale > levels_[step_];
-}
-
-/// Scales of which those of order 0 end where the level does. The finer ones come last in x.
-template <int Dim>
-void PyramidRun<Dim>::begin_finer_scales() {
-  objective_.reset();
-  active_.clear();
-  RegistrationOptions finer = options_;
-  const int added = options_.momenta.finest_scale - levels_[step_];
-  finer.momenta.finest_scale -= added;
-  finer.momenta.scales += added;
-  // Scales that there are keep their weights, and momenta their velocity.
-  finer.momenta.regularisation *= std::pow(options_.momenta.coarser_regularisation, -added);
-  scales_ = make_scales<Dim, Scalar>(pyramid_.fixed_lattice(), finer, directions_, narrow_share());
-}
-
-/// First orders take their place. They begin where the level did, when there were none.
-template <int Dim>
-void PyramidRun<Dim>::end_finer_scales() {
-  objective_.reset();
-  active_.clear();
-  scales_ = make_scales<Dim, Scalar>(pyramid_.fixed_lattice(), options_, directions_, narrow_share());
-  make_objective(rounds_[0]);
-}
-
-/// Whether order 0 has settled with all of its scales, on the finest level and alone for good, and may get one more.
-template <int Dim>
-bool PyramidRun<Dim>::may_be_narrower() const {
-  const int level = levels_[step_], finest = options_.momenta.finest_scale;
-  const bool has_settled = level_.termination == Termination::Converged || level_.termination == Termination::Settled ||
-                           level_.termination == Termination::NoiseFloor;
-  return options_.momenta.narrower_pull > 0 && has_settled && step_ + 1 == levels_.size() &&
-         (level_.has_finer || (finest >= level && finest <= std::max(level, 1)));
-}
-
-/// The finest scale that has order 0, which may get a narrower one beside it.
-template <int Dim>
-const PlacedScale<Dim, float>& PyramidRun<Dim>::finest_zeroth() const {
-  return *std::find_if(scales_.rbegin(), scales_.rend(),
-                       [](const auto& placed) { return has_zeroth(placed.scale->options().orders); });
-}
-
-/// Whether what would pull at a narrower scale where order 0 has settled stands out from noise.
-template <int Dim>
-bool PyramidRun<Dim>::finds_narrow_pull() {
-  reached_.minimiser = MinimiserState<Scalar>(std::move(reached_.minimiser.x));  // the curvature's memory goes
-  const auto narrow = make_narrow_scale<Dim, Scalar>(pyramid_.fixed_lattice(), options_, finest_zeroth());
-  const auto beside = std::find(active_.begin(), active_.end(), finest_zeroth().scale.get()) - active_.begin();
-  const double noise = std::max(pyramid_.noise(), kLeastNoise) * images_.noise_unit;
-  const PullOverNoise pull = objective_->pull_over_noise(reached_.minimiser.x, beside, *narrow.scale, noise);
-  level_.evaluations += 2;
-  level_.own_pull = pull.own;
-  level_.narrow_pull = pull.other;
-  return pull.other >= options_.momenta.narrower_pull &&
-         pull.other >= narrower_pull_share(options_.similarity) * pull.own;
-}
-
-/// One more scale of order 0. It comes last in x.
-template <int Dim>
-void PyramidRun<Dim>::begin_narrower() {
-  objective_.reset();
-  active_.clear();
-  scales_.push_back(make_narrow_scale<Dim, Scalar>(pyramid_.fixed_lattice(), options_, finest_zeroth()));
 }
 
 /// Where first orders waited and there are none yet: whether any wants to be there, with the least weight that is to
@@ -169,12 +95,6 @@ void PyramidRun<Dim>::begin_beside_first_orders() {
 }
 
 #define SALTUS_FIRST_ORDERS(DIM)                                    \
-  template bool PyramidRun<DIM>::may_be_finer() const;              \
-  template bool PyramidRun<DIM>::may_be_narrower() const;           \
-  template bool PyramidRun<DIM>::finds_narrow_pull();               \
-  template void PyramidRun<DIM>::begin_narrower();                  \
-  template void PyramidRun<DIM>::begin_finer_scales();              \
-  template void PyramidRun<DIM>::end_finer_scales();                \
   template MinimiseSummary PyramidRun<DIM>::minimise_until_plain(); \
   template bool PyramidRun<DIM>::first_orders_are_worth_it();       \
   template bool PyramidRun<DIM>::would_join();                      \

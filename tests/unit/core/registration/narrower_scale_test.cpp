@@ -1,0 +1,100 @@
+// A narrower scale of order 0 where detail is left. Oracle: the true motion.
+#include <gtest/gtest.h>
+
+#include <algorithm>
+
+#include "core/evaluation/field_error.h"
+#include "core/evaluation/statistics.h"
+#include "core/evaluation/warp_image.h"
+#include "core/phantom/make_phantom.h"
+#include "core/registration/register_images.h"
+#include "tests/support/phantom_pair.h"
+#include "tests/support/random_fields.h"
+
+namespace saltus {
+namespace {
+
+using testing::pair_of;
+
+double error_of(const Phantom<3>& phantom, const RegistrationOptions& options) {
+  const RegistrationResult<3> found = register_images<3>(pair_of(phantom), options);
+  return summarise(endpoint_errors<3>(found.displacement, phantom.displacement, phantom.masks.valid)).mean;
+}
+
+/// Two images between which everything has moved a little by itself: in plane waves of 6 voxels and more.
+Phantom<3> detailed_scene() {
+  PhantomOptions scene = default_phantom_options(PhantomKind::Smooth, 3);
+  scene.size = {64, 64, 64};
+  scene.noise = 0.002;
+  Phantom<3> detailed = make_phantom<3>(scene);
+  for (int c = 0; c < 3; ++c) {
+    const std::vector<double> waves = testing::random_waves<3>(lattice_of(detailed.fixed.grid), c + 1);
+    std::transform(waves.begin(), waves.end(), detailed.displacement.component(c),
+                   [](double wave) { return static_cast<float>(2 * wave); });
+  }
+  detailed.fixed = warp_image<3>(detailed.moving, detailed.displacement, {Interpolation::BSpline});
+  return detailed;
+}
+
+class Narrower : public ::testing::TestWithParam<SimilarityType> {};
+
+// Order 0 that stays alone gets a narrower scale where there is something left for it, and otherwise is as it would be
+// without.
+TEST_P(Narrower, FollowsDetailAndNoNoise) {
+  const RegistrationOptions options = default_options(Model::Auto, GetParam(), Preset::Balanced);
+  RegistrationOptions without = options, follows = options;
+  without.momenta.narrower_pull = 0;
+  // By itself ssd asks for more than is here: where two scans differ in intensity that pulls as well.
+  if (GetParam() == SimilarityType::Ssd) follows.momenta.narrower_pull = 1e-9;
+  const Phantom<3> detailed = detailed_scene();
+  const LevelSummary finest = register_images<3>(pair_of(detailed), follows).summary.levels.back();
+  EXPECT_TRUE(finest.has_narrower) << finest.narrow_pull;
+  EXPECT_EQ(finest.decision, FirstOrderDecision::LeftOut);
+  EXPECT_LT(error_of(detailed, follows), 0.9 * error_of(detailed, without));
+
+  PhantomOptions scene = default_phantom_options(PhantomKind::Smooth, 3);
+  scene.size = {64, 64, 64};
+  scene.displacement_mm = 4;
+  for (double noise : {0.0, 0.02}) {
+    scene.noise = noise;
+    const Phantom<3> smooth = make_phantom<3>(scene);
+    const RegistrationResult<3> found = register_images<3>(pair_of(smooth), options);
+    EXPECT_GT(found.summary.levels.back().narrow_pull, 0);
+    EXPECT_FALSE(found.summary.levels.back().has_narrower) << found.summary.levels.back().narrow_pull;
+    EXPECT_EQ(found.displacement.samples, register_images<3>(pair_of(smooth), without).displacement.samples);
+  }
+}
+
+// It is not asked of order 0 that has not settled, nor of one whose scales end elsewhere than the level; and what pulls
+// at the finest scale as well is not for a narrower one.
+TEST(NarrowerScale, IsForWhatWiderOnesCannotFollow) {
+  const Phantom<3> detailed = detailed_scene();
+  RegistrationOptions options = default_options(Model::Auto, SimilarityType::Lncc, Preset::Balanced);
+  options.momenta.narrower_pull = 1e-9;
+  const auto finest_of = [&](const Phantom<3>& phantom, const RegistrationOptions& asked) {
+    return register_images<3>(pair_of(phantom), asked).summary.levels.back();
+  };
+  RegistrationOptions unsettled = options, finer = options, coarser = options;
+  unsettled.optimisation.max_iterations = 3;
+  finer.momenta.finest_scale = 0;
+  coarser.momenta.finest_scale = 2;
+  for (const RegistrationOptions& other : {unsettled, finer, coarser})
+    EXPECT_EQ(finest_of(detailed, other).narrow_pull, -1);
+  EXPECT_TRUE(finest_of(detailed, options).has_narrower);
+
+  // Order 0 that is held so much leaves behind what is smooth.
+  PhantomOptions scene = default_phantom_options(PhantomKind::Smooth, 3);
+  scene.size = {64, 64, 64};
+  scene.displacement_mm = 4;
+  options.momenta.regularisation = 1e-2;
+  const LevelSummary held = finest_of(make_phantom<3>(scene), options);
+  EXPECT_GT(held.narrow_pull, options.momenta.narrower_pull);
+  EXPECT_LT(held.narrow_pull, 1.1 * held.own_pull);
+  EXPECT_FALSE(held.has_narrower);
+}
+
+INSTANTIATE_TEST_SUITE_P(Similarities, Narrower, ::testing::ValuesIn(all_similarities()),
+                         [](const auto& info) { return to_string(info.param); });
+
+}  // namespace
+}  // namespace saltus
