@@ -181,6 +181,11 @@ std::vector<float> ImagePyramid<Dim>::scaled(const Volume<Dim>& image, const std
 }
 
 template <int Dim>
+double ImagePyramid<Dim>::matching_noise(double noise, int level) const {
+  return std::sqrt(2.0) * noise_of_level(noise, fixed_lattice_, level_lattice(fixed_lattice_, level)) * moving_range_;
+}
+
+template <int Dim>
 double ImagePyramid<Dim>::level_noise(int level) const {
   return noise_of_level(noise_, fixed_lattice_, level_lattice(fixed_lattice_, level));
 }
@@ -238,9 +243,7 @@ MatchingLevel<Dim, float> ImagePyramid<Dim>::make_level(int level, const Lattice
   made.similarity_weight = similarity_weight(level);
   made.divergence_weight = divergence_weight(level);
   // Smoothing leaves what noise holds at the kernels' wavelengths as it is.
-  made.noise = std::sqrt(2.0) * level_noise(level) * moving_range_;
-  made.noise_unit =
-      std::sqrt(2.0) * noise_of_level(1, fixed_lattice_, level_lattice(fixed_lattice_, level)) * moving_range_;
+  made.noise = matching_noise(noise_, level);
   made.time_steps = options_.flow.time_steps;
   made.map_steps = options_.flow.map_steps;
   made.evolution = options_.flow.evolution;

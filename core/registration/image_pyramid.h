@@ -25,6 +25,8 @@ class ImagePyramid {
   /// Standard deviation of the noise, the root mean square of both images': with ssd in units of the scaled
   /// intensities, else each in units of its own range.
   double noise() const { return noise_; }
+  /// What so much noise is at a level, as MatchingLevel::noise.
+  double matching_noise(double noise, int level) const;
   /// rms_gradient of what the fixed image shows beside background, in units of the scaled intensities; infinite with
   /// other similarities than ssd, which make intensities alike by themselves.
   double contrast() const { return contrast_; }

@@ -35,8 +35,7 @@ struct MatchingLevel {
   FramedImage<Dim, T> moving_weights;  ///< no samples: 1 everywhere
   double similarity_weight = 1;
   double divergence_weight = 0;  ///< of 1/2 integral |div v|^2 over space and time
-  double noise = 0;       ///< white, of both images together as if it were the moving one's, sd in the images' unit
-  double noise_unit = 0;  ///< what `noise` would be with a standard deviation of the whole intensity range
+  double noise = 0;  ///< white, of both images together as if it were the moving one's, sd in the images' unit
   int time_steps = 4, map_steps = 1;
   Evolution evolution = Evolution::Exact;
 };

@@ -249,8 +249,8 @@ const std::vector<Parameter>& parameters() {
           "with one more, Gaussian and 2 (with lncc 3) voxels of the finest scale wide, if the square of what pulls at "
           "that is so many times what noise (1 % of the intensity range at least) makes of it and, not with ssd, a "
           "tenth (with mind half) more times than at the finest scale; 0: never, -1 (and nothing else below 0): by "
-          "similarity, preset "
-          "and dimension, 0 where kernel_widths, width_voxels, another coarsening or first_order_shear 0 is given",
+          "similarity and dimension, 0 where kernel_widths, width_voxels, another coarsening or first_order_shear 0 is "
+          "given",
           [](O & o) -> auto& { return o.momenta.narrower_pull; }),
       kernel_widths(
           "first_order_kernel_widths", "voxels of the scale",

@@ -2,7 +2,6 @@
 #include "core/registration/simple_shear.h"
 
 #include <algorithm>
-#include <cmath>
 
 namespace saltus {
 namespace {

@@ -85,7 +85,7 @@ bool PyramidRun<Dim>::finds_narrow_pull() {
   reached_.minimiser = MinimiserState<Scalar>(std::move(reached_.minimiser.x));  // the curvature's memory goes
   const auto narrow = make_narrow_scale<Dim, Scalar>(pyramid_.fixed_lattice(), options_, finest_zeroth());
   const auto beside = std::find(active_.begin(), active_.end(), finest_zeroth().scale.get()) - active_.begin();
-  const double noise = std::max(pyramid_.noise(), kLeastNoise) * images_.noise_unit;
+  const double noise = pyramid_.matching_noise(std::max(pyramid_.noise(), kLeastNoise), levels_[step_]);
   const PullOverNoise pull = objective_->pull_over_noise(reached_.minimiser.x, beside, *narrow.scale, noise);
   level_.evaluations += 2;
   level_.own_pull = pull.own;

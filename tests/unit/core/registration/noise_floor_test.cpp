@@ -36,11 +36,16 @@ class Noisy final : public Similarity<2, double> {
   std::vector<double> noise_;
 };
 
-TEST(NoiseGradient, IsWhatNoiseChangesOfTheGradient) {
+MatchingLevel<2, double> of_waves(const Lattice<2>& lattice) {
   MatchingLevel<2, double> level;
-  level.lattice = {{19, 17}, {1, 1.25}, {}};
-  level.fixed = testing::random_waves<2>(level.lattice, 1);
-  level.moving = {level.lattice, testing::random_waves<2>(level.lattice, 2), Matrix<2>::Identity(), Vector<2>::Zero()};
+  level.lattice = lattice;
+  level.fixed = testing::random_waves<2>(lattice, 1);
+  level.moving = {lattice, testing::random_waves<2>(lattice, 2), Matrix<2>::Identity(), Vector<2>::Zero()};
+  return level;
+}
+
+TEST(NoiseGradient, IsWhatNoiseChangesOfTheGradient) {
+  MatchingLevel<2, double> level = of_waves({{19, 17}, {1, 1.25}, {}});
   level.similarity_weight = 0.7;
   level.divergence_weight = 0.3;  // of which noise knows nothing
   level.time_steps = 2;
@@ -110,10 +115,7 @@ TEST(NoiseGradient, IsWhatNoiseChangesOfTheGradient) {
 }
 
 TEST(NoiseGradient, IsNotKnownWithoutNoise) {
-  MatchingLevel<2, double> level;
-  level.lattice = {{9, 8}, {1, 1}, {}};
-  level.fixed = testing::random_waves<2>(level.lattice, 1);
-  level.moving = {level.lattice, testing::random_waves<2>(level.lattice, 2), Matrix<2>::Identity(), Vector<2>::Zero()};
+  MatchingLevel<2, double> level = of_waves({{9, 8}, {1, 1}, {}});
   RegistrationOptions options = default_options(Model::Gaussian, SimilarityType::Ssd, Preset::Balanced);
   options.momenta.scales = 1;
   options.momenta.finest_scale = 0;
@@ -133,10 +135,7 @@ TEST(NoiseGradient, IsNotKnownWithoutNoise) {
 // Oracle: an objective that has the other scale as well, with no momenta, and the same noise of its own. Its gradient
 // is the kernel's of what pulls exactly where nothing moves yet.
 TEST(PullOverNoise, IsWhatAnotherScaleWouldFeelBesideWhatNoiseMakesOfIt) {
-  MatchingLevel<2, double> level;
-  level.lattice = {{29, 27}, {1, 1.25}, {}};
-  level.fixed = testing::random_waves<2>(level.lattice, 1);
-  level.moving = {level.lattice, testing::random_waves<2>(level.lattice, 2), Matrix<2>::Identity(), Vector<2>::Zero()};
+  MatchingLevel<2, double> level = of_waves({{29, 27}, {1, 1.25}, {}});
   level.similarity_weight = 0.7;
   level.divergence_weight = 0.3;
   level.time_steps = 2;
