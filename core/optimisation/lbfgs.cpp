@@ -228,10 +228,7 @@ auto Minimisation<T>::next() -> Next {
   if (optimality_ * optimality_ <= options_.noise_tolerance * state_.noise_optimality * state_.noise_optimality)
     return end_unless_more_joins(MinimiseTermination::NoiseFloor);
   if (done >= kTrial && (state_.settled_at < 0 || done - state_.settled_at >= kTrial)) {
-    const double energy = state_.energies.back();
-    const double recent = state_.energies[static_cast<std::size_t>(done - kTrial)] - energy;
-    const double whole = options_.decrease_before + state_.energies.front() - energy;
-    if (recent > options_.tolerance * whole) {
+    if (!has_settled(state_.energies, options_.decrease_before, options_.tolerance)) {
       state_.settled_at = -1;
     } else if (state_.settled_at >= 0 || (state_.revised_at != done && !joins_here())) {
       return end(MinimiseTermination::Settled);  // what joined last was worth too little, and nobody else is let in
@@ -392,6 +389,12 @@ void Minimisation<T>::fit() {
 }
 
 }  // namespace
+
+bool has_settled(const std::vector<double>& energies, double before, double tolerance) {
+  if (energies.size() <= kTrial) return false;
+  const double whole = before + energies.front() - energies.back();
+  return energies[energies.size() - 1 - kTrial] - energies.back() <= tolerance * whole;
+}
 
 template <class T>
 MinimiseSummary minimise(Objective<T>& objective, const MinimiseOptions& options, MinimiserState<T>& state,

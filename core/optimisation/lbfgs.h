@@ -99,6 +99,10 @@ struct MinimiserState {
   int iterations() const { return has_begun() ? static_cast<int>(energies.size()) - 1 : 0; }  ///< accepted steps
 };
 
+/// Whether the last five iterations gave at most `tolerance` of the whole decrease, of which `before` came before these
+/// energies (at the start and after each iteration). Not after fewer.
+bool has_settled(const std::vector<double>& energies, double before, double tolerance);
+
 /// Minimises from a state, in place. Limited-memory quasi-Newton in the metric of the objective's preconditioner, with
 /// the orthant-wise treatment of the sparsity term (Andrew and Gao, 2007) carried from signs to groups: groups at zero
 /// stay there while their gradient is shorter than the weight, and a group that would turn against its direction

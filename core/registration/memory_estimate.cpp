@@ -36,14 +36,12 @@ class RoundMemory {
         momenta_(options.momenta),
         smooth_(smooth),
         is_carried_(options.flow.evolution == Evolution::Carried),
+        finest_zeroth_(finest_zeroth(options, smooth)),
         level_(level_lattice(image, options.pyramid.finest_level)),
-        flow_(level_lattice(image, options.pyramid.finest_level + (smooth ? options.flow.coarsening : 0))) {
+        flow_(flow_lattice(image, options, smooth)) {
     count_images(static_cast<double>(moving_level_lattice(image, moving, options.pyramid.finest_level).sites()));
     count_flow();
-    const bool may_be_finer = smooth && momenta_.finer_shear > 0;
-    const int finest =
-        may_be_finer ? std::min(momenta_.finest_scale, options.pyramid.finest_level) : momenta_.finest_scale;
-    finest_zeroth_ = finest;
+    const int finest = finest_zeroth_;
     for (int q = finest; q < momenta_.finest_scale + momenta_.scales; ++q) count_zeroth(q);
     if (smooth && momenta_.narrower_pull > 0) count_narrower(finest);
     for (int q = momenta_.first_order_finest_scale; is_first_at(q); ++q) {
@@ -64,6 +62,18 @@ class RoundMemory {
   double momenta() const { return unknowns_ * kScalar; }
 
  private:
+  /// The finest scale of order 0 that there may be.
+  static int finest_zeroth(const RegistrationOptions& options, bool smooth) {
+    const bool may_be_finer = smooth && options.momenta.finer_shear > 0;
+    return may_be_finer ? std::min(options.momenta.finest_scale, options.pyramid.finest_level)
+                        : options.momenta.finest_scale;
+  }
+  static Lattice<Dim> flow_lattice(const Lattice<Dim>& image, const RegistrationOptions& options, bool smooth) {
+    const int level = options.pyramid.finest_level;
+    if (smooth && options.momenta.narrower_pull > 0)
+      return narrow_flow_lattice(image, options, level, std::max(level, finest_zeroth(options, smooth)));
+    return level_lattice(image, level + (smooth ? options.flow.coarsening : 0));
+  }
   static double sites_of(const Lattice<Dim>& lattice) { return static_cast<double>(lattice.sites()); }
   double sites_of(int q) const { return sites_of(level_lattice(image_, q)); }
   bool is_first_at(int q) const {
@@ -219,10 +229,10 @@ class RoundMemory {
   const RegistrationOptions& options_;
   const RegistrationOptions::Momenta& momenta_;
   const bool smooth_, is_carried_;
+  const int finest_zeroth_;
   const Lattice<Dim> level_, flow_;
   double bytes_ = 0, kept_ = 0;
   double unknowns_ = 0, zeroth_ = 0;  ///< momenta, and those of order 0
-  int finest_zeroth_ = 0;             ///< scale
 };
 
 }  // namespace

@@ -159,8 +159,8 @@ void PyramidRun<Dim>::begin_level(std::size_t step) {
     level_.narrow_share = kNarrowShareOfSmooth;
   shear_before_ = -1;
   if (is_resumed_) level_ = reached_.level;
-  if (level_.narrow_share < 1 || (is_resumed_ && narrow_share() < 1))
-    scales_ = make_scales<Dim, Scalar>(pyramid_.fixed_lattice(), options_, directions_, narrow_share());
+  if (level_.narrow_share < 1 || (is_resumed_ && (narrow_share() < 1 || has_narrower())))
+    make_scales_anew(options_, narrow_share());
   images_.map_steps = level_.map_steps;
   level_seconds_before_ = level_.seconds;
   level_cpu_seconds_before_ = level_.cpu_seconds;
@@ -188,7 +188,6 @@ void PyramidRun<Dim>::begin_level(std::size_t step) {
 
   if (has_first_ && (!decides_ || level_.decision == FirstOrderDecision::LetIn)) begin_beside_first_orders();
   if (level_.has_finer && level_.decision != FirstOrderDecision::LetIn) begin_finer_scales();
-  if (level_.has_narrower) begin_narrower();
 
   std::vector<Scalar>& momenta = reached_.minimiser.x;
   make_objective(rounds_[is_resumed_ ? level_.rounds - 1 : 0]);
@@ -216,13 +215,22 @@ bool PyramidRun<Dim>::is_smooth(const SparsityRound& round) const {
                          std::all_of(reached_.active_elements.begin(), reached_.active_elements.end(), is_empty));
 }
 
+/// Of the level, for a round that is_smooth, or not.
+template <int Dim>
+Lattice<Dim> PyramidRun<Dim>::flow_lattice(bool smooth) const {
+  const int level = levels_[step_];
+  if (!smooth) return level_lattice(pyramid_.fixed_lattice(), level);
+  if (has_narrower()) return narrow_flow_lattice(pyramid_.fixed_lattice(), options_, level, finest_zeroth().level);
+  return level_lattice(pyramid_.fixed_lattice(), level + options_.flow.coarsening);
+}
+
 /// The objective of a round, made anew (true) only where the flow has to move to another lattice. What is in x stays
 /// where it is: scales that are all order 1 have no momenta while they are left out.
 template <int Dim>
 bool PyramidRun<Dim>::make_objective(const SparsityRound& round) {
   const int level = levels_[step_];
   const bool smooth = is_smooth(round);
-  const Lattice<Dim> flow = level_lattice(pyramid_.fixed_lattice(), smooth ? level + options_.flow.coarsening : level);
+  const Lattice<Dim> flow = flow_lattice(smooth);
   std::vector<MomentumScale<Dim, Scalar>*> scales;
   for (const auto& placed : scales_)
     if (placed.level >= level && !(smooth && !has_zeroth(placed.scale->options().orders)))
@@ -251,7 +259,7 @@ bool PyramidRun<Dim>::make_objective(const SparsityRound& round) {
 template <int Dim>
 void PyramidRun<Dim>::run_rounds() {
   try {
-    for (std::size_t round = is_resumed_ ? level_.rounds - 1 : 0; round < rounds_.size(); ++round) {
+    for (std::size_t round = is_resumed_ ? level_.rounds - 1 : 0;; ++round) {
       if (is_resumed_) {
         objective_->working_set().restore_weights(rounds_[round], reached_.sparsity_factors);
         objective_->working_set().restore_turned(reached_.turned_normals, reached_.turned_elements);
@@ -274,17 +282,22 @@ void PyramidRun<Dim>::run_rounds() {
 template <int Dim>
 bool PyramidRun<Dim>::goes_on(std::size_t round) {
   if (round == 0) return true;
-  if (!decides_) return round > 1 || would_join();
+  const bool has_more = round < rounds_.size();
+  if (has_first_ && !decides_) return has_more && (round > 1 || would_join());
   if (level_.has_narrower) return false;
-  if (level_.decision == FirstOrderDecision::LetIn || first_orders_are_worth_it()) return true;
-  if (may_be_finer()) {
+  if (decides_ && (level_.decision == FirstOrderDecision::LetIn || first_orders_are_worth_it())) return has_more;
+  if (decides_ && may_be_finer()) {
     level_.has_finer = true;
     level_.decision = FirstOrderDecision::None;  // that is yet to come
     begin_finer_scales();
   } else if (may_be_narrower() && finds_narrow_pull()) {
+    const Lattice<Dim> before = flow_lattice(true);
     level_.has_narrower = true;
-    if (options_.flow.map_tolerance > 0)  // what is narrow is steep
-      level_.map_steps = images_.map_steps = std::max(level_.map_steps, std::min(2 * level_.map_steps, kMostMapSteps));
+    // What is narrow is steep; less so between sites of a finer lattice.
+    const int more =
+        flow_lattice(true) == before ? 2 * level_.map_steps : level_.map_steps + (level_.map_steps + 1) / 2;
+    if (options_.flow.map_tolerance > 0)
+      level_.map_steps = images_.map_steps = std::max(level_.map_steps, std::min(more, kMostMapSteps));
     begin_narrower();
   } else {
     return false;

@@ -21,8 +21,8 @@ namespace saltus {
 /// While no first-order momentum exists and none may appear, order 0 is alone: all velocities are smooth, and momenta,
 /// flow and map live on a coarser lattice than the images (flow.coarsening). With momenta.first_order_shear each level
 /// begins so, and its velocity then tells whether first orders are worth it; once they were, all finer levels have
-/// them. Where they were not on the finest one, order 0 may get finer scales and be asked again (momenta.finer_shear),
-/// and a narrower one in the end (momenta.narrower_pull).
+/// them. Where they were not on the finest one, order 0 may get finer scales and be asked again (momenta.finer_shear).
+/// With all of its scales it may get a narrower one in the end (momenta.narrower_pull).
 template <int Dim>
 class PyramidRun {
  public:
@@ -61,6 +61,7 @@ class PyramidRun {
   bool has_found() const;
   bool decides_at(int level) const;
   double planned_work(int level, bool lets_in) const;
+  Lattice<Dim> flow_lattice(bool smooth) const;
   bool make_objective(const SparsityRound& round);
   void choose_map_steps();
   void ask_for_narrow_widths();
@@ -68,10 +69,13 @@ class PyramidRun {
   bool shows_slip(double least_shear);
   bool first_orders_are_worth_it();
   bool may_be_finer() const;
-  bool may_be_narrower() const;
+  bool is_at_rest() const;
+  bool may_be_narrower();
   const PlacedScale<Dim, Scalar>& finest_zeroth() const;
   bool finds_narrow_pull();
+  bool has_narrower() const;
   void begin_narrower();
+  void make_scales_anew(const RegistrationOptions& options, double narrow_share);
   void begin_finer_scales();
   void end_finer_scales();
   bool goes_on(std::size_t round);

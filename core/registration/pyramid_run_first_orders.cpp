@@ -82,11 +82,9 @@ void PyramidRun<Dim>::begin_beside_first_orders() {
   if (is_beside_first_ || (beside == alone && narrow_share() == 1)) return;
   is_beside_first_ = true;
   const bool has_objective = objective_ != nullptr;
-  objective_.reset();
-  active_.clear();
   RegistrationOptions options = options_;
   options.momenta.regularisation = beside;
-  scales_ = make_scales<Dim, Scalar>(pyramid_.fixed_lattice(), options, directions_);
+  make_scales_anew(options, 1);
   // No first-order momentum is other than 0 yet. Those of a checkpoint have been changed.
   if (!is_resumed_)
     for (Scalar& value : reached_.minimiser.x) value *= static_cast<Scalar>(beside / alone);

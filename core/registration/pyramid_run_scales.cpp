@@ -42,34 +42,51 @@ bool PyramidRun<Dim>::may_be_finer() const {
 /// Scales of which those of order 0 end where the level does. The finer ones come last in x.
 template <int Dim>
 void PyramidRun<Dim>::begin_finer_scales() {
-  objective_.reset();
-  active_.clear();
   RegistrationOptions finer = options_;
   const int added = options_.momenta.finest_scale - levels_[step_];
   finer.momenta.finest_scale -= added;
   finer.momenta.scales += added;
   // Scales that there are keep their weights, and momenta their velocity.
   finer.momenta.regularisation *= std::pow(options_.momenta.coarser_regularisation, -added);
-  scales_ = make_scales<Dim, Scalar>(pyramid_.fixed_lattice(), finer, directions_, narrow_share());
+  make_scales_anew(finer, narrow_share());
 }
 
 /// First orders take their place. They begin where the level did, when there were none.
 template <int Dim>
 void PyramidRun<Dim>::end_finer_scales() {
-  objective_.reset();
-  active_.clear();
-  scales_ = make_scales<Dim, Scalar>(pyramid_.fixed_lattice(), options_, directions_, narrow_share());
+  make_scales_anew(options_, narrow_share());
   make_objective(rounds_[0]);
 }
 
-/// Whether order 0 has settled with all of its scales, on the finest level and alone for good, and may get one more.
+/// Whether order 0 has settled. What its round asks for before it ends by itself may be more than that: at its limit
+/// `tolerance` will do.
 template <int Dim>
-bool PyramidRun<Dim>::may_be_narrower() const {
-  const int level = levels_[step_], finest = options_.momenta.finest_scale;
-  const bool has_settled = level_.termination == Termination::Converged || level_.termination == Termination::Settled ||
-                           level_.termination == Termination::NoiseFloor;
-  return options_.momenta.narrower_pull > 0 && has_settled && step_ + 1 == levels_.size() &&
-         (level_.has_finer || (finest >= level && finest <= std::max(level, 1)));
+bool PyramidRun<Dim>::is_at_rest() const {
+  switch (level_.termination) {
+    case Termination::Converged:
+    case Termination::Settled:
+    case Termination::NoiseFloor:
+      return true;
+    case Termination::IterationLimit:
+      return has_settled(reached_.minimiser.energies, how_.decrease_before, options_.optimisation.tolerance);
+    case Termination::LineSearchFailed:
+    case Termination::NothingToRegister:
+    case Termination::Stopped:
+      return false;
+  }
+  return false;
+}
+
+/// Whether order 0, alone and at rest with all of its scales, on the level that is as fine as these, may get one more.
+/// Where first orders are for finer levels alone its velocity must not show what they are for.
+template <int Dim>
+bool PyramidRun<Dim>::may_be_narrower() {
+  const RegistrationOptions::Momenta& asked = options_.momenta;
+  const bool has_more_to_come = asked.finer_shear > 0 && asked.finest_scale > levels_.back();
+  const bool has_all = level_.has_finer || (levels_[step_] == asked.finest_scale && !has_more_to_come);
+  if (asked.narrower_pull == 0 || !has_all || has_narrower() || !is_at_rest()) return false;
+  return has_first_ || simple_shear(objective_->flow_lattice(), objective_->starting_velocity(reached_.minimiser.x)) <
+                           asked.first_order_shear;
 }
 
 /// The finest scale that has order 0, which may get a narrower one beside it.
@@ -94,6 +111,22 @@ bool PyramidRun<Dim>::finds_narrow_pull() {
          pull.other >= narrower_pull_share(options_.similarity) * pull.own;
 }
 
+/// On this level or one before.
+template <int Dim>
+bool PyramidRun<Dim>::has_narrower() const {
+  const auto has = [](const LevelSummary& level) { return level.has_narrower; };
+  return has(level_) || std::any_of(summary_.levels.begin(), summary_.levels.end(), has);
+}
+
+/// Those that there are from the beginning, and the one that came later.
+template <int Dim>
+void PyramidRun<Dim>::make_scales_anew(const RegistrationOptions& options, double narrow_share) {
+  objective_.reset();
+  active_.clear();
+  scales_ = make_scales<Dim, Scalar>(pyramid_.fixed_lattice(), options, directions_, narrow_share);
+  if (has_narrower()) begin_narrower();
+}
+
 /// One more scale of order 0. It comes last in x.
 template <int Dim>
 void PyramidRun<Dim>::begin_narrower() {
@@ -102,14 +135,17 @@ void PyramidRun<Dim>::begin_narrower() {
   scales_.push_back(make_narrow_scale<Dim, Scalar>(pyramid_.fixed_lattice(), options_, finest_zeroth()));
 }
 
-#define SALTUS_SCALES(DIM)                                \
-  template void PyramidRun<DIM>::ask_for_narrow_widths(); \
-  template double PyramidRun<DIM>::narrow_share() const;  \
-  template bool PyramidRun<DIM>::may_be_finer() const;    \
-  template void PyramidRun<DIM>::begin_finer_scales();    \
-  template void PyramidRun<DIM>::end_finer_scales();      \
-  template bool PyramidRun<DIM>::may_be_narrower() const; \
-  template bool PyramidRun<DIM>::finds_narrow_pull();     \
+#define SALTUS_SCALES(DIM)                                                             \
+  template void PyramidRun<DIM>::ask_for_narrow_widths();                              \
+  template double PyramidRun<DIM>::narrow_share() const;                               \
+  template bool PyramidRun<DIM>::may_be_finer() const;                                 \
+  template void PyramidRun<DIM>::begin_finer_scales();                                 \
+  template void PyramidRun<DIM>::end_finer_scales();                                   \
+  template bool PyramidRun<DIM>::is_at_rest() const;                                   \
+  template bool PyramidRun<DIM>::may_be_narrower();                                    \
+  template bool PyramidRun<DIM>::finds_narrow_pull();                                  \
+  template bool PyramidRun<DIM>::has_narrower() const;                                 \
+  template void PyramidRun<DIM>::make_scales_anew(const RegistrationOptions&, double); \
   template void PyramidRun<DIM>::begin_narrower();
 SALTUS_SCALES(2)
 SALTUS_SCALES(3)

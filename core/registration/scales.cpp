@@ -21,8 +21,14 @@ struct FineWidth {
 template <int Dim>
 constexpr FineWidth kFineWidth = Dim == 3 ? FineWidth{2, 0.008} : FineWidth{0.7, 0.015};
 
-/// Of the scale that momenta.narrower_pull adds, voxels of the scale beside it; core/measurements.md, "Widths".
-double narrow_width(SimilarityType similarity) { return similarity == SimilarityType::Lncc ? 3 : 2; }
+/// Of the scale that momenta.narrower_pull adds, and of the flow beside it, voxels of the scale next to it;
+/// core/measurements.md, "Widths".
+struct NarrowScale {
+  double width, flow_voxel;
+};
+NarrowScale narrow_scale(SimilarityType similarity) {
+  return similarity == SimilarityType::Lncc ? NarrowScale{3, 2} : NarrowScale{2, 1.25};
+}
 
 /// Of full_contrast: an image may be all but blank, and something has to hold momenta back.
 constexpr double kLeastCounted = 0.25;
@@ -457,12 +463,22 @@ PlacedScale<Dim, T> make_narrow_scale(const Lattice<Dim>& image, const Registrat
                                       const PlacedScale<Dim, T>& finest) {
   const double reference = *std::min_element(image.spacing.begin(), image.spacing.end());
   MomentumScaleOptions<Dim> made;
-  made.kernel = make_gaussian_profile(narrow_width(options.similarity) * std::ldexp(reference, finest.level));
+  made.kernel = make_gaussian_profile(narrow_scale(options.similarity).width * std::ldexp(reference, finest.level));
   made.lattice = finest.scale->lattice();
   made.zeroth_weight = finest.scale->options().zeroth_weight;
   return {finest.level, std::make_unique<MomentumScale<Dim, T>>(made)};
 }
 
+template <int Dim>
+Lattice<Dim> narrow_flow_lattice(const Lattice<Dim>& image, const RegistrationOptions& options, int level, int finest) {
+  const double reference = *std::min_element(image.spacing.begin(), image.spacing.end());
+  const int usual = level + options.flow.coarsening;
+  const double voxel = narrow_scale(options.similarity).flow_voxel * std::ldexp(reference, finest);
+  return voxel < std::ldexp(reference, usual) ? coarsened(image, voxel) : level_lattice(image, usual);
+}
+
+template Lattice<2> narrow_flow_lattice(const Lattice<2>&, const RegistrationOptions&, int, int);
+template Lattice<3> narrow_flow_lattice(const Lattice<3>&, const RegistrationOptions&, int, int);
 template RegistrationOptions resolved(const RegistrationOptions&, const Lattice<2>&, const ImageTraits&);
 template RegistrationOptions resolved(const RegistrationOptions&, const Lattice<3>&, const ImageTraits&);
 template Lattice<2> level_lattice(const Lattice<2>&, int);

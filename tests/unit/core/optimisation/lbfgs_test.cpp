@@ -352,6 +352,17 @@ TEST(Minimise, SaysHowItEnded) {
   EXPECT_EQ(none.energy_after, none.energy_before);
 }
 
+TEST(Minimise, KnowsWhatHasSettled) {
+  const std::vector<double> energies = {30, 20, 14, 13, 12, 11, 10};  // the last five took 10 of 20
+  EXPECT_TRUE(has_settled(energies, 0, 0.5));
+  EXPECT_FALSE(has_settled(energies, 0, 0.49));
+  EXPECT_TRUE(has_settled(energies, 80, 0.1)) << "of 100 in all";
+  EXPECT_FALSE(has_settled(energies, 80, 0.09));
+  EXPECT_TRUE(has_settled({2, 2, 2, 2, 2, 2}, 0, 0));
+  EXPECT_FALSE(has_settled({2, 2, 2, 2, 2}, 0, 1)) << "after four iterations";
+  EXPECT_FALSE(has_settled({}, 0, 1));
+}
+
 TEST(Minimise, RefusesAStartWithoutAFiniteEnergy) {
   for (double start : {std::nan(""), std::numeric_limits<double>::infinity()}) {
     Function<double> objective(1, [start](const std::vector<double>&, std::vector<double>& gradient) {

@@ -106,7 +106,7 @@ TEST(AutoChoices, AsksForANarrowerScaleWhereThatWasMeasured) {
   for (const auto& [similarity, expected] : measured)
     for (Preset preset : all_presets()) {
       RegistrationOptions options = default_options(Model::Auto, similarity, preset);
-      EXPECT_EQ(resolved(options, cube).momenta.narrower_pull, preset == Preset::Balanced ? expected : 0)
+      EXPECT_EQ(resolved(options, cube).momenta.narrower_pull, preset == Preset::Fast ? 0 : expected)
           << to_string(similarity) << " " << to_string(preset);
       options.flow.coarsening = 2;  // widths were measured with 1
       EXPECT_EQ(resolved(options, cube).momenta.narrower_pull, 0);

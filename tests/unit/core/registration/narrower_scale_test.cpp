@@ -16,9 +16,12 @@ namespace {
 
 using testing::pair_of;
 
-double error_of(const Phantom<3>& phantom, const RegistrationOptions& options) {
-  const RegistrationResult<3> found = register_images<3>(pair_of(phantom), options);
+double error_of(const Phantom<3>& phantom, const RegistrationResult<3>& found) {
   return summarise(endpoint_errors<3>(found.displacement, phantom.displacement, phantom.masks.valid)).mean;
+}
+
+double error_of(const Phantom<3>& phantom, const RegistrationOptions& options) {
+  return error_of(phantom, register_images<3>(pair_of(phantom), options));
 }
 
 /// Two images between which everything has moved a little by itself: in plane waves of 6 voxels and more.
@@ -63,6 +66,49 @@ TEST_P(Narrower, FollowsDetailAndNoNoise) {
     EXPECT_FALSE(found.summary.levels.back().has_narrower) << found.summary.levels.back().narrow_pull;
     EXPECT_EQ(found.displacement.samples, register_images<3>(pair_of(smooth), without).displacement.samples);
   }
+}
+
+// Where `accurate` takes images that are finer than the scales of order 0 are, detail is asked for on the level before,
+// whose images are those that it was measured on, and the finest level goes on with what was found.
+TEST(NarrowerScale, IsFoundBeforeImagesThatAreFinerThanOrder0) {
+  const Phantom<3> detailed = detailed_scene();
+  RegistrationOptions options = default_options(Model::Auto, SimilarityType::Ncc, Preset::Accurate), without = options;
+  without.momenta.narrower_pull = 0;
+  const RegistrationResult<3> found = register_images<3>(pair_of(detailed), options);
+  ASSERT_EQ(found.options.momenta.finest_scale, 1);
+  const std::vector<LevelSummary>& levels = found.summary.levels;
+  ASSERT_EQ(found.options.pyramid.finest_level, 0);
+  const LevelSummary &before = levels[levels.size() - 2], &finest = levels.back();
+  EXPECT_TRUE(before.has_narrower) << before.narrow_pull << " " << before.own_pull;
+  EXPECT_EQ(before.rounds, 2);
+  EXPECT_EQ(finest.decision, FirstOrderDecision::LeftOut);
+  EXPECT_EQ(finest.narrow_pull, -1) << "it is asked once";
+  EXPECT_FALSE(finest.has_narrower);
+  EXPECT_LT(error_of(detailed, found), 0.9 * error_of(detailed, without));
+
+  // What shows that something slides is left to first orders, which come on the finest level.
+  options.momenta.first_order_shear = 1e-9;
+  options.momenta.sparsity = 1e6;
+  options.momenta.orientations = 0;
+  options.optimisation.max_iterations = 15;
+  options.optimisation.tolerance = options.optimisation.look_tolerance = 0.1;
+  for (const LevelSummary& level : register_images<3>(pair_of(detailed), options).summary.levels)
+    EXPECT_EQ(level.narrow_pull, -1) << level.level;
+}
+
+// A round may end at its limit. What counts is then whether it would have ended by the tolerance of other rounds.
+TEST(NarrowerScale, IsAskedForAtTheLimitOnceOrder0IsAtRest) {
+  const Phantom<3> detailed = detailed_scene();
+  RegistrationOptions options = default_options(Model::Auto, SimilarityType::Ncc, Preset::Balanced);
+  options.optimisation.look_tolerance = 1e-9;
+  options.optimisation.max_iterations = 40;
+  const auto finest_of = [&] { return register_images<3>(pair_of(detailed), options).summary.levels.back(); };
+  const LevelSummary at_rest = finest_of();
+  EXPECT_EQ(at_rest.termination, Termination::IterationLimit);
+  EXPECT_TRUE(at_rest.has_narrower) << at_rest.narrow_pull << " " << at_rest.own_pull;
+  EXPECT_EQ(at_rest.iterations, 80);
+  options.optimisation.tolerance = 1e-9;
+  EXPECT_EQ(finest_of().narrow_pull, -1);
 }
 
 // It is not asked of order 0 that has not settled, nor of one whose scales end elsewhere than the level; and what pulls

@@ -244,6 +244,23 @@ TEST(ResolvedOptions, FollowALowContrastWithSsd) {
   EXPECT_DOUBLE_EQ(at({noise, full / 4}).regularisation_beside_first, plain.regularisation * (0.5 + 1) / 2);
 }
 
+// Beside a narrower scale the flow has sites so close that they follow it, but no fewer than without.
+TEST(NarrowFlowLattice, IsAsFineAsTheNarrowKernelNeeds) {
+  for (double spacing : {1.0, 0.7}) {
+    const Lattice<3> image{{128, 120, 96}, {spacing, spacing, spacing}, {}};
+    RegistrationOptions options = automatic(SimilarityType::Ncc);
+    const auto at = [&](int level, int finest) { return narrow_flow_lattice(image, options, level, finest); };
+    EXPECT_EQ(at(1, 1), coarsened(image, 2.5 * spacing)) << "1.25 voxels of scale 1";
+    EXPECT_EQ(at(0, 0), coarsened(image, 1.25 * spacing));
+    EXPECT_EQ(at(0, 1), level_lattice(image, 1)) << "no coarser than without";
+    options.similarity = SimilarityType::Lncc;  // its narrow kernel is wider
+    EXPECT_EQ(at(1, 1), level_lattice(image, 2));
+    options = automatic(SimilarityType::Ncc);
+    options.flow.coarsening = 0;
+    EXPECT_EQ(at(1, 1), level_lattice(image, 1));
+  }
+}
+
 // Half the contrast: without pairs to begin with a round has to go on until four times less is gained. Where these are
 // kept, that is so for the first round of a level alone, down to the level's own tolerance over the root of a half, and
 // never sooner than the other rounds; the last one has a smaller tolerance. The part of all this that is due to noise
