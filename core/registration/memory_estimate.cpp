@@ -43,7 +43,8 @@ class RoundMemory {
     count_flow();
     const int finest = finest_zeroth_;
     for (int q = finest; q < momenta_.finest_scale + momenta_.scales; ++q) count_zeroth(q);
-    if (smooth && momenta_.narrower_pull > 0) count_narrower(finest);
+    // On a level before the finest one it comes before first orders, which leave it.
+    if (momenta_.narrower_pull > 0 && (smooth || finest > options.pyramid.finest_level)) count_narrower(finest);
     for (int q = momenta_.first_order_finest_scale; is_first_at(q); ++q) {
       if (momenta_.orientations > 0) count_oriented(q);
       if (!(momenta_.orientations > 0 && is_zeroth_gaussian(options.model) && has_oriented_alone(momenta_)))

@@ -171,7 +171,10 @@ RegistrationOptions default_options(Model model, SimilarityType similarity, Pres
     // What is oblique has momenta of its own (core/measurements.md, "Sparsity").
     if (similarity == SimilarityType::Ncc && preset != Preset::Fast) o.momenta.sparsity *= 2;
     if (similarity == SimilarityType::Lncc) o.momenta.sparsity = o.momenta.narrow_width_shear = -1;
-    if (preset != Preset::Fast) o.momenta.narrower_pull = -1;  // fast has not settled, as measured
+    // With fast order 0 has not settled; with ssd accurate leaves as much in livers as in brains (core/measurements.md,
+    // "Widths").
+    if (preset == Preset::Balanced || (preset == Preset::Accurate && similarity != SimilarityType::Ssd))
+      o.momenta.narrower_pull = -1;
     if (similarity != SimilarityType::Ssd && preset == Preset::Balanced) {
       o.momenta.even_sparsity = 1.5;
       o.optimisation.round_tolerance = -1;

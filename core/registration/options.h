@@ -50,11 +50,13 @@ struct RegistrationOptions {
     /// sharp; 0: never; -1: what was measured, 0 where kernel_widths or width_voxels is given (core/measurements.md,
     /// "Widths").
     double narrow_width_shear = 0;
-    /// Where order 0 has settled, alone, on the finest level, with scales as fine as that (1 at least), it goes on with
-    /// one more, Gaussian and 2 (with lncc 3) voxels of the finest scale wide, if the square of what pulls at that is
-    /// so many times what noise makes of it, a noise of 1 % of the intensity range at least, and (not with ssd) a tenth
-    /// (with mind half) more times than at the finest scale; 0: never; -1: what was measured, 0 where kernel_widths,
-    /// width_voxels or another coarsening is given (core/measurements.md, "Widths").
+    /// Where order 0 has settled (at its limit of iterations: by optimisation.tolerance), alone and with all of its
+    /// scales, on the level that is as fine as these (the finest one, or one before), it goes on with one more,
+    /// Gaussian and 2 (with lncc 3) voxels of the finest scale wide, if the square of what pulls at that is so many
+    /// times what noise makes of it, a noise of 1 % of the intensity range at least, and (not with ssd) a tenth (with
+    /// mind half) more times than at the finest scale. On a level without first orders less simple shear than
+    /// first_order_shear must show. The flow gets closer sites or more map steps for it. 0: never; -1: what was
+    /// measured, 0 where kernel_widths, width_voxels or another coarsening is given (core/measurements.md, "Widths").
     double narrower_pull = 0;
     std::vector<KernelWidth> first_order_kernel_widths;  ///< of the scales of order 1 alone; empty: width_voxels
     int scales = 0;         ///< number of order-0 scales, each twice as wide as the next; 0: one a level

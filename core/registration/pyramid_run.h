@@ -22,7 +22,7 @@ namespace saltus {
 /// flow and map live on a coarser lattice than the images (flow.coarsening). With momenta.first_order_shear each level
 /// begins so, and its velocity then tells whether first orders are worth it; once they were, all finer levels have
 /// them. Where they were not on the finest one, order 0 may get finer scales and be asked again (momenta.finer_shear).
-/// With all of its scales it may get a narrower one in the end (momenta.narrower_pull).
+/// With all of its scales it may get a narrower one (momenta.narrower_pull).
 template <int Dim>
 class PyramidRun {
  public:

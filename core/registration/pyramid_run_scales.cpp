@@ -68,7 +68,7 @@ bool PyramidRun<Dim>::is_at_rest() const {
     case Termination::NoiseFloor:
       return true;
     case Termination::IterationLimit:
-      return has_settled(reached_.minimiser.energies, how_.decrease_before, options_.optimisation.tolerance);
+      return has_settled(reached_.minimiser.energies, 0, options_.optimisation.tolerance);
     case Termination::LineSearchFailed:
     case Termination::NothingToRegister:
     case Termination::Stopped:
@@ -77,14 +77,16 @@ bool PyramidRun<Dim>::is_at_rest() const {
   return false;
 }
 
-/// Whether order 0, alone and at rest with all of its scales, on the level that is as fine as these, may get one more.
-/// Where first orders are for finer levels alone its velocity must not show what they are for.
+/// Whether order 0, alone and at rest with all of its scales, on the level that is as fine as these (the finest one or
+/// the one before), may get one more. Where first orders are for finer levels alone its velocity must not show what
+/// they are for.
 template <int Dim>
 bool PyramidRun<Dim>::may_be_narrower() {
   const RegistrationOptions::Momenta& asked = options_.momenta;
+  const bool ends_here = levels_[step_] == asked.finest_scale && asked.finest_scale <= std::max(levels_.back(), 1);
   const bool has_more_to_come = asked.finer_shear > 0 && asked.finest_scale > levels_.back();
-  const bool has_all = level_.has_finer || (levels_[step_] == asked.finest_scale && !has_more_to_come);
-  if (asked.narrower_pull == 0 || !has_all || has_narrower() || !is_at_rest()) return false;
+  const bool has_all = level_.has_finer || (ends_here && !has_more_to_come);
+  if (asked.narrower_pull == 0 || !has_all || !is_at_rest()) return false;
   return has_first_ || simple_shear(objective_->flow_lattice(), objective_->starting_velocity(reached_.minimiser.x)) <
                            asked.first_order_shear;
 }

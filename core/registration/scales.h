@@ -74,9 +74,9 @@ template <int Dim, class T>
 PlacedScale<Dim, T> make_narrow_scale(const Lattice<Dim>& image, const RegistrationOptions& options,
                                       const PlacedScale<Dim, T>& finest);
 
-/// Where the flow is on a level with that, beside scale `finest`: as flow.coarsening says, but with voxels of five
-/// eighths (lncc two thirds) of its width at most. Interpolated between sites that are further from each other, what is
-/// so narrow folds. Measured, core/measurements.md, "Widths".
+/// Where the flow is on a level with that, beside scale `finest`: as flow.coarsening says, but with voxels of about
+/// five eighths (lncc two thirds) of its width at most. A map between sites that are further from each other loses some
+/// of what is so narrow, and folds. Measured, core/measurements.md, "Widths".
 template <int Dim>
 Lattice<Dim> narrow_flow_lattice(const Lattice<Dim>& image, const RegistrationOptions& options, int level, int finest);
 

@@ -53,6 +53,8 @@ TEST_P(Narrower, FollowsDetailAndNoNoise) {
   const LevelSummary finest = register_images<3>(pair_of(detailed), follows).summary.levels.back();
   EXPECT_TRUE(finest.has_narrower) << finest.narrow_pull;
   EXPECT_EQ(finest.decision, FirstOrderDecision::LeftOut);
+  EXPECT_EQ(finest.map_steps, GetParam() == SimilarityType::Lncc ? 4 : 3)
+      << "twice as many as two, or half as many again where the flow has closer sites";
   EXPECT_LT(error_of(detailed, follows), 0.9 * error_of(detailed, without));
 
   PhantomOptions scene = default_phantom_options(PhantomKind::Smooth, 3);
@@ -94,6 +96,9 @@ TEST(NarrowerScale, IsFoundBeforeImagesThatAreFinerThanOrder0) {
   options.optimisation.tolerance = options.optimisation.look_tolerance = 0.1;
   for (const LevelSummary& level : register_images<3>(pair_of(detailed), options).summary.levels)
     EXPECT_EQ(level.narrow_pull, -1) << level.level;
+  options.momenta.first_order_shear = 1e9;
+  const auto other = register_images<3>(pair_of(detailed), options).summary.levels;
+  EXPECT_GT(other[other.size() - 2].narrow_pull, 0);
 }
 
 // A round may end at its limit. What counts is then whether it would have ended by the tolerance of other rounds.
@@ -117,23 +122,23 @@ TEST(NarrowerScale, IsForWhatWiderOnesCannotFollow) {
   const Phantom<3> detailed = detailed_scene();
   RegistrationOptions options = default_options(Model::Auto, SimilarityType::Lncc, Preset::Balanced);
   options.momenta.narrower_pull = 1e-9;
-  const auto finest_of = [&](const Phantom<3>& phantom, const RegistrationOptions& asked) {
-    return register_images<3>(pair_of(phantom), asked).summary.levels.back();
+  const auto levels_of = [&](const Phantom<3>& phantom, const RegistrationOptions& asked) {
+    return register_images<3>(pair_of(phantom), asked).summary.levels;
   };
   RegistrationOptions unsettled = options, finer = options, coarser = options;
   unsettled.optimisation.max_iterations = 3;
   finer.momenta.finest_scale = 0;
   coarser.momenta.finest_scale = 2;
   for (const RegistrationOptions& other : {unsettled, finer, coarser})
-    EXPECT_EQ(finest_of(detailed, other).narrow_pull, -1);
-  EXPECT_TRUE(finest_of(detailed, options).has_narrower);
+    for (const LevelSummary& level : levels_of(detailed, other)) EXPECT_EQ(level.narrow_pull, -1) << level.level;
+  EXPECT_TRUE(levels_of(detailed, options).back().has_narrower);
 
   // Order 0 that is held so much leaves behind what is smooth.
   PhantomOptions scene = default_phantom_options(PhantomKind::Smooth, 3);
   scene.size = {64, 64, 64};
   scene.displacement_mm = 4;
   options.momenta.regularisation = 1e-2;
-  const LevelSummary held = finest_of(make_phantom<3>(scene), options);
+  const LevelSummary held = levels_of(make_phantom<3>(scene), options).back();
   EXPECT_GT(held.narrow_pull, options.momenta.narrower_pull);
   EXPECT_LT(held.narrow_pull, 1.1 * held.own_pull);
   EXPECT_FALSE(held.has_narrower);
