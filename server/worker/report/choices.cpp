@@ -165,7 +165,7 @@ std::vector<Choice> choices(const ReportInput<Dim>& input) {
     if (flow.map_tolerance == 0) continue;
     std::string why = level.level == 1 ? "nothing was known of the motion" : "by the motion found before";
     if (is_finest(level) && level.map_steps == flow.map_steps) why += "; on the finest level at least map_steps";
-    if (level.has_narrower) why += "; more of them, up to twice as many, with the narrower scale of order 0";
+    if (level.has_narrower) why += "; up to twice as many with the narrower scale of order 0";
     if (level.map_steps == kMostMapSteps) why += "; at most " + std::to_string(kMostMapSteps);
     why += "; at the end 99.9 % of the sites are followed to within " + number(level.map_error_mm / level.spacing_mm) +
            " voxels (asked: " + number(flow.map_tolerance) + ")";
