@@ -1,6 +1,7 @@
 #include "core/flow/element_transport.h"
 #include "core/momenta/oriented_momenta.h"
 #include "core/registration/finish.h"
+#include "core/registration/narrower_scale.h"
 #include "core/registration/register_images.h"
 #include "core/registration/scales.h"
 #include "core/registration/working_set.h"

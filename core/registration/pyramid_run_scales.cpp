@@ -1,3 +1,4 @@
+#include "core/registration/narrower_scale.h"
 #include "core/registration/pyramid_run.h"
 #include "core/registration/simple_shear.h"
 

@@ -3,6 +3,7 @@
 #include "core/grid/noise.h"
 #include "core/momenta/directional_momentum.h"
 #include "core/momenta/spread_normals.h"
+#include "core/registration/narrower_scale.h"
 #include "core/similarity/similarity.h"
 #include "core/support/errors.h"
 
@@ -20,15 +21,6 @@ struct FineWidth {
 };
 template <int Dim>
 constexpr FineWidth kFineWidth = Dim == 3 ? FineWidth{2, 0.008} : FineWidth{0.7, 0.015};
-
-/// Of the scale that momenta.narrower_pull adds, and of the flow beside it, voxels of the scale next to it;
-/// core/measurements.md, "Widths".
-struct NarrowScale {
-  double width, flow_voxel;
-};
-NarrowScale narrow_scale(SimilarityType similarity) {
-  return similarity == SimilarityType::Lncc ? NarrowScale{3, 2} : NarrowScale{2, 1.25};
-}
 
 /// Of full_contrast: an image may be all but blank, and something has to hold momenta back.
 constexpr double kLeastCounted = 0.25;
@@ -93,28 +85,6 @@ double finer_shear(int dimension, const RegistrationOptions& options) {
 /// "Widths". In 3-D 4.5 is that of chance which keeps volumes.
 double sharp_shear(int dimension, SimilarityType similarity) {
   return dimension == 3 && similarity == SimilarityType::Lncc ? 4.5 : 0;
-}
-
-/// What pulls at a narrow kernel where that is of use, see momenta.narrower_pull: half way, as a ratio, between scenes
-/// that gain by it and others. With mind, whose descriptors are shares of what varies nearby, narrower_pull_share tells
-/// them apart. In 2-D it was not measured. core/measurements.md, "Widths".
-double narrower_pull(int dimension, SimilarityType similarity) {
-  if (dimension == 2) return 0;
-  switch (similarity) {
-    case SimilarityType::Ssd:
-      return 140;
-    case SimilarityType::Ncc:
-      return 40;
-    case SimilarityType::Lncc:
-      return 5;
-    case SimilarityType::Mi:
-      return 11;
-    case SimilarityType::Ngf:
-      return 3.4;
-    case SimilarityType::Mind:
-      return 0.3;
-  }
-  return 0;
 }
 
 /// With auto, whose momenta of oblique interfaces are oriented, for those along the axes; core/measurements.md,
@@ -242,7 +212,7 @@ void resolve_measured(int dimension, RegistrationOptions& o) {
   }
   if (o.momenta.narrower_pull < 0) {
     const bool is_measured = o.momenta.kernel_widths.empty() && o.momenta.width_voxels == 0 && o.flow.coarsening == 1;
-    o.momenta.narrower_pull = is_measured ? narrower_pull(dimension, o.similarity) : 0;
+    o.momenta.narrower_pull = is_measured ? least_narrow_pull(dimension, o.similarity) : 0;
   }
   // No more was wanted at full resolution in the 3-D images that this was measured on (core/measurements.md, "Memory").
   if (o.momenta.most_active_share == 0)
@@ -382,21 +352,6 @@ bool shares_kernel(const RegistrationOptions& options, int q) {
 
 }  // namespace
 
-double narrower_pull_share(SimilarityType similarity) {
-  switch (similarity) {
-    case SimilarityType::Ssd:  // what differs in intensity pulls at all widths
-      return 0;
-    case SimilarityType::Mind:
-      return 1.5;
-    case SimilarityType::Ncc:
-    case SimilarityType::Lncc:
-    case SimilarityType::Mi:
-    case SimilarityType::Ngf:
-      return 1.1;
-  }
-  return 1.1;
-}
-
 bool has_oriented_alone(const RegistrationOptions::Momenta& momenta) {
   return momenta.orientations > 0 && momenta.oriented_alone == 2;
 }
@@ -458,27 +413,6 @@ std::vector<PlacedScale<Dim, T>> make_scales(const Lattice<Dim>& image, const Re
   return scales;
 }
 
-template <int Dim, class T>
-PlacedScale<Dim, T> make_narrow_scale(const Lattice<Dim>& image, const RegistrationOptions& options,
-                                      const PlacedScale<Dim, T>& finest) {
-  const double reference = *std::min_element(image.spacing.begin(), image.spacing.end());
-  MomentumScaleOptions<Dim> made;
-  made.kernel = make_gaussian_profile(narrow_scale(options.similarity).width * std::ldexp(reference, finest.level));
-  made.lattice = finest.scale->lattice();
-  made.zeroth_weight = finest.scale->options().zeroth_weight;
-  return {finest.level, std::make_unique<MomentumScale<Dim, T>>(made)};
-}
-
-template <int Dim>
-Lattice<Dim> narrow_flow_lattice(const Lattice<Dim>& image, const RegistrationOptions& options, int level, int finest) {
-  const double reference = *std::min_element(image.spacing.begin(), image.spacing.end());
-  const int usual = level + options.flow.coarsening;
-  const double voxel = narrow_scale(options.similarity).flow_voxel * std::ldexp(reference, finest);
-  return voxel < std::ldexp(reference, usual) ? coarsened(image, voxel) : level_lattice(image, usual);
-}
-
-template Lattice<2> narrow_flow_lattice(const Lattice<2>&, const RegistrationOptions&, int, int);
-template Lattice<3> narrow_flow_lattice(const Lattice<3>&, const RegistrationOptions&, int, int);
 template RegistrationOptions resolved(const RegistrationOptions&, const Lattice<2>&, const ImageTraits&);
 template RegistrationOptions resolved(const RegistrationOptions&, const Lattice<3>&, const ImageTraits&);
 template Lattice<2> level_lattice(const Lattice<2>&, int);
@@ -495,14 +429,5 @@ template std::vector<PlacedScale<2, double>> make_scales(const Lattice<2>&, cons
                                                          const Field<double>&, double);
 template std::vector<PlacedScale<3, double>> make_scales(const Lattice<3>&, const RegistrationOptions&,
                                                          const Field<double>&, double);
-
-template PlacedScale<2, float> make_narrow_scale(const Lattice<2>&, const RegistrationOptions&,
-                                                 const PlacedScale<2, float>&);
-template PlacedScale<2, double> make_narrow_scale(const Lattice<2>&, const RegistrationOptions&,
-                                                  const PlacedScale<2, double>&);
-template PlacedScale<3, float> make_narrow_scale(const Lattice<3>&, const RegistrationOptions&,
-                                                 const PlacedScale<3, float>&);
-template PlacedScale<3, double> make_narrow_scale(const Lattice<3>&, const RegistrationOptions&,
-                                                  const PlacedScale<3, double>&);
 
 }  // namespace saltus

@@ -298,6 +298,33 @@ TEST(Checkpoint, ResumesWhereOrder0HasANarrowerScaleWithTheSameEnd) {
   }
 }
 
+// The narrower scale of a level stays when first orders are let in on the next, with another weight of order 0.
+TEST(Checkpoint, ResumesWhereFirstOrdersComeAfterANarrowerScaleWithTheSameEnd) {
+  RegistrationOptions options = quick(SimilarityType::Lncc);
+  options.optimisation.max_iterations = 8;
+  options.optimisation.tolerance = 0.9;
+  options.momenta.finest_scale = 1;
+  options.momenta.sparsity = 1e-5;
+  options.momenta.first_order_waits = true;
+  options.momenta.regularisation_beside_first = 3 * options.momenta.regularisation;
+  options.momenta.narrower_pull = 1e-9;
+  options.momenta.first_order_shear = 1e9;
+  const auto levels_of = [&] { return register_images<2>(plane(), options).summary.levels; };
+  // More than the coarser level shows, which has no first orders and does not tell, and less than the finer one.
+  options.momenta.first_order_shear = 0.99 * levels_of().back().simple_shear;
+  const std::vector<LevelSummary> levels = levels_of();
+  ASSERT_TRUE(levels.front().has_narrower);
+  ASSERT_EQ(levels.back().decision, FirstOrderDecision::LetIn);
+  ASSERT_GT(levels.back().active_block_share, 0);
+  const auto scales_of_order_0 = [&] {
+    const auto momenta = register_images<2>(plane(), options).momenta;
+    return std::count_if(momenta.begin(), momenta.end(),
+                         [](const auto& field) { return field.axis == MomentumField<2>::kZeroth; });
+  };
+  EXPECT_EQ(scales_of_order_0(), 3);
+  resumes_anywhere<2>(plane(), options);
+}
+
 // What narrow widths count is found on the level before the finest scale begins, and is of all that come after, until
 // first orders are let in.
 TEST(Checkpoint, ResumesWhereNarrowWidthsCountLessWithTheSameEnd) {

@@ -9,6 +9,7 @@
 
 #include "core/evaluation/field_error.h"
 #include "core/registration/matching_objective.h"
+#include "core/registration/narrower_scale.h"
 #include "core/registration/scales.h"
 #include "core/support/random.h"
 #include "tests/support/phantom_pair.h"

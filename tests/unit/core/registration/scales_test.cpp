@@ -1,4 +1,5 @@
 #include "core/registration/scales.h"
+#include "core/registration/narrower_scale.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
