@@ -335,13 +335,13 @@ const std::vector<Parameter>& parameters() {
       real(
           "first_order_shear", "", -1, Lower::Inclusive, inf,
           "order 1 takes part only where the velocity of order 0, settled alone, is simple shear to so much (smooth "
-          "motion mostly has 1 to 5); 0: always, -1 (and nothing else below 0): by similarity and dimension",
+          "motion mostly has 1 to 5); 0: always, -1 (and nothing else below 0): by similarity, dimension and preset",
           [](O & o) -> auto& { return o.momenta.first_order_shear; }),
       real(
           "plain_shear", "", -1, Lower::Inclusive, inf,
           "order 1 takes part without waiting for order 0 to settle where that shows so much simple shear after three "
           "iterations of a level; 0: always waits, -1 (and nothing else below 0): twice first_order_shear where that "
-          "is known to cost nothing, otherwise 0",
+          "is known to cost nothing, 4/3 of it where order 0 is slow to settle, otherwise 0",
           [](O & o) -> auto& { return o.momenta.plain_shear; }),
       real(
           "finer_shear", "", -1, Lower::Inclusive, inf,

@@ -38,10 +38,23 @@ double in_few_digits(double value) {
 bool is_fine(double reference_mm) { return 2 * reference_mm <= 3; }
 
 /// What the velocity of order 0 has at least where something slides, see simple_shear; core/measurements.md, "Only
-/// where it slides". With lncc first orders are dear in 3-D images and bring little where much else than shear is seen.
-double least_shear(int dimension, SimilarityType similarity) {
+/// where it slides". With lncc, ngf and mind first orders are dear in 3-D images and bring little where much else than
+/// shear is seen; order 0 that has not settled (fast) shows less.
+double least_shear(int dimension, const RegistrationOptions& options) {
   if (dimension == 2) return 6;
-  return similarity == SimilarityType::Lncc ? 10.6 : similarity == SimilarityType::Ssd ? 4.9 : 5.5;
+  switch (options.similarity) {
+    case SimilarityType::Lncc:
+      return 10.6;
+    case SimilarityType::Ngf:
+    case SimilarityType::Mind:
+      return options.preset == Preset::Fast ? 5.5 : 9.5;
+    case SimilarityType::Ssd:
+      return 4.9;
+    case SimilarityType::Ncc:
+    case SimilarityType::Mi:
+      return 5.5;
+  }
+  return 5.5;
 }
 
 constexpr double kStifferWithLncc = 10;
@@ -63,15 +76,25 @@ double stiffer_beside_first(int dimension, SimilarityType similarity) {
   return 1;
 }
 
+/// Order 0 has to find out with mi, ngf and mind for so long that it costs half of the time.
+bool is_slow_to_settle(const RegistrationOptions& options) {
+  const SimilarityType similarity = options.similarity;
+  return options.model == Model::Auto && options.preset == Preset::Balanced &&
+         (similarity == SimilarityType::Mi || similarity == SimilarityType::Ngf || similarity == SimilarityType::Mind);
+}
+
 /// What it has at least, early on a level, where order 0 need not settle first: where first orders do not wait for it
-/// (ssd), and with lncc in 3-D where it goes on beside them with a larger weight, as measured. Smooth motion has no
-/// more shear early than at its end, but breathing up to 1.7 times that; core/measurements.md, "Only where it slides".
+/// (ssd), with lncc in 3-D where it goes on beside them with a larger weight, and where it is slow to settle, as
+/// measured. Smooth motion has no more shear early than at its end with mi, ngf and mind (waves by chance up to 1.5
+/// times that), breathing with the others up to 1.7 times; core/measurements.md, "Only where it slides".
 double plain_shear(int dimension, const RegistrationOptions& options) {
   const RegistrationOptions::Momenta& momenta = options.momenta;
   const bool is_stiffer = dimension == 3 && options.similarity == SimilarityType::Lncc &&
                           momenta.regularisation_beside_first >= kStifferWithLncc * momenta.regularisation;
-  if (momenta.first_order_waits && !is_stiffer) return 0;
-  return std::min(2 * momenta.first_order_shear, std::numeric_limits<double>::max());  // not infinite
+  const bool is_slow = is_slow_to_settle(options);
+  if (momenta.first_order_waits && !is_stiffer && !is_slow) return 0;
+  const double times = is_slow ? 4.0 / 3 : 2;
+  return std::min(times * momenta.first_order_shear, std::numeric_limits<double>::max());  // not infinite
 }
 
 /// With ssd in 3-D the same once order 0 has all scales. In 2-D a Gaussian of so many pixels follows noise, and smooth
@@ -87,11 +110,24 @@ double sharp_shear(int dimension, SimilarityType similarity) {
   return dimension == 3 && similarity == SimilarityType::Lncc ? 4.5 : 0;
 }
 
-/// With auto, whose momenta of oblique interfaces are oriented, for those along the axes; core/measurements.md,
-/// "Sparsity". A window of lncc holds fewer samples in 2-D, and more noise.
-double lncc_sparsity(int dimension, Preset preset) {
-  if (preset == Preset::Fast) return 0.2;
-  return dimension == 2 ? 0.1 : 0.025;
+/// With auto, whose momenta of oblique interfaces are oriented; core/measurements.md, "Sparsity". A window of lncc
+/// holds fewer samples in 2-D, and more noise; with mi and mind more elements than an interface has sites would take
+/// part.
+double auto_sparsity(int dimension, const RegistrationOptions& options) {
+  const bool is_fast = options.preset == Preset::Fast, is_balanced = options.preset == Preset::Balanced;
+  switch (options.similarity) {
+    case SimilarityType::Lncc:
+      return is_fast ? 0.2 : dimension == 2 ? 0.1 : 0.025;
+    case SimilarityType::Mi:
+      return is_fast ? 0.16 : !is_balanced ? 0.04 : dimension == 2 ? 0.08 : 0.2;
+    case SimilarityType::Mind:
+      return is_fast ? 0.016 : !is_balanced ? 0.004 : dimension == 2 ? 0.012 : 0.006;
+    case SimilarityType::Ssd:
+    case SimilarityType::Ncc:
+    case SimilarityType::Ngf:
+      return default_options(options.model, options.similarity, options.preset).momenta.sparsity;
+  }
+  return 0;
 }
 
 /// With auto and all but ssd: what the next round makes its weights from is seen after a few iterations in 3-D, but
@@ -200,11 +236,10 @@ void resolve_measured(int dimension, RegistrationOptions& o) {
   if (o.momenta.regularisation == 0)
     o.momenta.regularisation = is_ssd ? (dimension == 2 ? 3e-6 : 1e-6) : usual.momenta.regularisation;
   if (o.momenta.sparsity < 0)
-    o.momenta.sparsity =
-        o.model == Model::Auto && is_lncc ? lncc_sparsity(dimension, o.preset) : usual.momenta.sparsity;
+    o.momenta.sparsity = o.model == Model::Auto ? auto_sparsity(dimension, o) : usual.momenta.sparsity;
   if (o.momenta.first_order_shear < 0) {  // without sparsity they cannot be left out
     const bool may_be_left_out = o.momenta.first_order_scales > 0 && o.momenta.sparsity > 0;
-    o.momenta.first_order_shear = may_be_left_out ? least_shear(dimension, o.similarity) : 0;
+    o.momenta.first_order_shear = may_be_left_out ? least_shear(dimension, o) : 0;
   }
   if (o.momenta.narrow_width_shear < 0) {
     const bool is_measured = o.momenta.kernel_widths.empty() && o.momenta.width_voxels == 0;

@@ -88,6 +88,19 @@ TEST(ResolvedOptions, HoldFirstOrdersBackAsWasMeasured) {
   };
   EXPECT_EQ(sparsity(automatic(SimilarityType::Ncc), plane(1)), 2 * of_sliding(Preset::Balanced));
   EXPECT_EQ(sparsity(automatic(SimilarityType::Ncc, Preset::Fast), plane(1)), of_sliding(Preset::Fast));
+  struct Held {  // so many times as with sliding
+    SimilarityType similarity;
+    double flat, deep;
+  };
+  for (const auto& [similarity, flat, deep] :
+       {Held{SimilarityType::Mi, 2, 5}, Held{SimilarityType::Ngf, 2, 2}, Held{SimilarityType::Mind, 3, 1.5}})
+    for (Preset preset : all_presets()) {
+      SCOPED_TRACE(to_string(similarity) + " " + to_string(preset));
+      const bool is_balanced = preset == Preset::Balanced;
+      const double usual = sparsity(default_options(Model::Sliding, similarity, preset), plane(1));
+      EXPECT_DOUBLE_EQ(sparsity(automatic(similarity, preset), plane(1)), is_balanced ? flat * usual : usual);
+      EXPECT_DOUBLE_EQ(sparsity(automatic(similarity, preset), block(2)), is_balanced ? deep * usual : usual);
+    }
   for (SimilarityType similarity : all_similarities()) {
     RegistrationOptions sliding = default_options(Model::Sliding, similarity, Preset::Balanced);
     const double usual = sparsity(sliding, plane(1));
@@ -109,9 +122,14 @@ TEST(ResolvedOptions, AskOfFirstOrdersWhatWasMeasured) {
   EXPECT_EQ(asked_of(SimilarityType::Ncc, block(2)), 5.5);
   EXPECT_EQ(asked_of(SimilarityType::Ssd, block(2)), 4.9);
   EXPECT_EQ(asked_of(SimilarityType::Lncc, block(2)), 10.6);
-  for (SimilarityType similarity : {SimilarityType::Mi, SimilarityType::Ngf, SimilarityType::Mind}) {
+  EXPECT_EQ(asked_of(SimilarityType::Mi, plane(1)), 6);
+  EXPECT_EQ(asked_of(SimilarityType::Mi, block(2)), 5.5);
+  for (SimilarityType similarity : {SimilarityType::Ngf, SimilarityType::Mind}) {
     EXPECT_EQ(asked_of(similarity, plane(1)), 6);
-    EXPECT_EQ(asked_of(similarity, block(2)), 5.5);
+    EXPECT_EQ(asked_of(similarity, block(2)), 9.5);
+    EXPECT_EQ(resolved(automatic(similarity, Preset::Accurate), block(2)).momenta.first_order_shear, 9.5);
+    EXPECT_EQ(resolved(automatic(similarity, Preset::Fast), block(2)).momenta.first_order_shear, 5.5)
+        << "order 0 that has not settled shows less";
   }
   RegistrationOptions asked = automatic(SimilarityType::Ssd);
   asked.momenta.first_order_shear = 0.25;
