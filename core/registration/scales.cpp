@@ -38,8 +38,8 @@ double in_few_digits(double value) {
 bool is_fine(double reference_mm) { return 2 * reference_mm <= 3; }
 
 /// What the velocity of order 0 has at least where something slides, see simple_shear; core/measurements.md, "Only
-/// where it slides". With lncc, ngf and mind first orders are dear in 3-D images and bring little where much else than
-/// shear is seen; order 0 that has not settled (fast) shows less.
+/// where it slides". In 3-D images first orders cost much with lncc and, with accurate, with ngf and mind, and bring
+/// little where much else than shear is seen; order 0 that has not settled (fast) shows less.
 double least_shear(int dimension, const RegistrationOptions& options) {
   if (dimension == 2) return 6;
   switch (options.similarity) {
@@ -76,7 +76,7 @@ double stiffer_beside_first(int dimension, SimilarityType similarity) {
   return 1;
 }
 
-/// Order 0 has to find out with mi, ngf and mind for so long that it costs half of the time.
+/// Where order 0 takes so long to settle that first orders, which wait for it, cost half as much again.
 bool is_slow_to_settle(const RegistrationOptions& options) {
   const SimilarityType similarity = options.similarity;
   return options.model == Model::Auto && options.preset == Preset::Balanced &&
@@ -85,16 +85,15 @@ bool is_slow_to_settle(const RegistrationOptions& options) {
 
 /// What it has at least, early on a level, where order 0 need not settle first: where first orders do not wait for it
 /// (ssd), with lncc in 3-D where it goes on beside them with a larger weight, and where it is slow to settle, as
-/// measured. Smooth motion has no more shear early than at its end with mi, ngf and mind (waves by chance up to 1.5
-/// times that), breathing with the others up to 1.7 times; core/measurements.md, "Only where it slides".
+/// measured. Breathing has up to 1.7 times as much early as at the end; core/measurements.md, "Only where it slides"
+/// and "mi, ngf and mind".
 double plain_shear(int dimension, const RegistrationOptions& options) {
   const RegistrationOptions::Momenta& momenta = options.momenta;
   const bool is_stiffer = dimension == 3 && options.similarity == SimilarityType::Lncc &&
                           momenta.regularisation_beside_first >= kStifferWithLncc * momenta.regularisation;
-  const bool is_slow = is_slow_to_settle(options);
-  if (momenta.first_order_waits && !is_stiffer && !is_slow) return 0;
-  const double times = is_slow ? 4.0 / 3 : 2;
-  return std::min(times * momenta.first_order_shear, std::numeric_limits<double>::max());  // not infinite
+  const bool is_free = !momenta.first_order_waits || is_stiffer;
+  if (!is_free && !is_slow_to_settle(options)) return 0;
+  return std::min((is_free ? 2 : 4.0 / 3) * momenta.first_order_shear, std::numeric_limits<double>::max());  // finite
 }
 
 /// With ssd in 3-D the same once order 0 has all scales. In 2-D a Gaussian of so many pixels follows noise, and smooth
@@ -111,8 +110,8 @@ double sharp_shear(int dimension, SimilarityType similarity) {
 }
 
 /// With auto, whose momenta of oblique interfaces are oriented; core/measurements.md, "Sparsity". A window of lncc
-/// holds fewer samples in 2-D, and more noise; with mi and mind more elements than an interface has sites would take
-/// part.
+/// holds fewer samples in 2-D, and more noise. With mi, ngf and mind more elements than an interface has sites would
+/// take part; livers lose by more with mi and accurate ("mi, ngf and mind").
 double auto_sparsity(int dimension, const RegistrationOptions& options) {
   const bool is_fast = options.preset == Preset::Fast, is_balanced = options.preset == Preset::Balanced;
   switch (options.similarity) {
@@ -120,11 +119,12 @@ double auto_sparsity(int dimension, const RegistrationOptions& options) {
       return is_fast ? 0.2 : dimension == 2 ? 0.1 : 0.025;
     case SimilarityType::Mi:
       return is_fast ? 0.16 : !is_balanced ? 0.04 : dimension == 2 ? 0.08 : 0.2;
+    case SimilarityType::Ngf:
+      return is_fast ? 0.16 : is_balanced ? 0.08 : 0.04;
     case SimilarityType::Mind:
       return is_fast ? 0.016 : !is_balanced ? 0.004 : dimension == 2 ? 0.012 : 0.006;
     case SimilarityType::Ssd:
     case SimilarityType::Ncc:
-    case SimilarityType::Ngf:
       return default_options(options.model, options.similarity, options.preset).momenta.sparsity;
   }
   return 0;

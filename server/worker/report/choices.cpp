@@ -68,12 +68,13 @@ std::string measured_from(const std::string& name, const ReportInput<Dim>& input
   if (name == "finer_shear")
     return "that of first_order_shear where order 0 ends at a coarser scale than the images, or 0: from the "
            "similarity, the dimension, the preset and the size of the voxels";
-  if (name == "regularisation" || name == "first_order_shear" || name == "oblique_share" ||
-      name == "oriented_sparsity" || name == "divergence_weight")
+  if (name == "regularisation" || name == "oblique_share" || name == "oriented_sparsity" || name == "divergence_weight")
     return "from the similarity and the dimension, for which it was measured";
+  if (name == "first_order_shear")
+    return "from the similarity, the dimension and the preset, for which it was measured";
   if (name == "plain_shear")
-    return "twice first_order_shear where order 0 need not settle first: by the similarity, the dimension and its "
-           "weight beside first orders";
+    return "a multiple of first_order_shear where order 0 need not settle first: by the similarity, the dimension, the "
+           "preset and its weight beside first orders";
   if (name == "first_round_tolerance" || name == "tolerance")
     return "from the fixed image's contrast and noise (full_contrast)";
   if (name == "round_tolerance")

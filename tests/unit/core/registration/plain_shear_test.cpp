@@ -92,6 +92,7 @@ void expect_nothing_plain(SimilarityType similarity) {
   const RegistrationResult<Dim> found = register_images<Dim>(
       pair_of(phantom<Dim>(PhantomKind::Smooth)), default_options(Model::Auto, similarity, Preset::Balanced));
   EXPECT_GT(found.options.momenta.plain_shear, 0) << "nobody looked";
+  EXPECT_EQ(asked(found.summary).decision, FirstOrderDecision::LeftOut);
   for (const LevelSummary& level : found.summary.levels) {
     EXPECT_NE(level.decision, FirstOrderDecision::LetIn);
     EXPECT_FALSE(level.was_plain);
@@ -119,18 +120,20 @@ void add(const RegistrationResult<Dim>& found, const Phantom<Dim>& slip, Sums& s
     sums.error_near_mm += at;
 }
 
-// Where it takes order 0 long to settle, that is given up for a few hundredths of the error in the mean.
-TEST(PlainShear, SavesWhatOrderZeroIsSlowToSettle) {
+// Where it takes order 0 long to settle, that is given up for a few hundredths of the error: each of them a mean over
+// weights that differ by a few thousandths, since the error of a single run moves by more than what is asked.
+void expect_little_lost(SimilarityType similarity) {
+  SCOPED_TRACE(to_string(similarity));
   Sums early, settled;
-  for (SimilarityType similarity : {SimilarityType::Mi, SimilarityType::Ngf, SimilarityType::Mind})
-    for (double degrees : {0.0, 15.0}) {
-      SCOPED_TRACE(to_string(similarity) + " at " + std::to_string(degrees) + " degrees");
+  for (double degrees : {0.0, 15.0})
+    for (double weight : {0.997, 1.0, 1.003}) {
       const Phantom<2> slip = phantom<2>(PhantomKind::Slip, degrees);
       for (Sums* sums : {&early, &settled}) {
         RegistrationOptions options = default_options(Model::Auto, similarity, Preset::Balanced);
+        options.similarity_parameters.weight = weight;
         if (sums == &settled) options.momenta.plain_shear = 0;
         const RegistrationResult<2> found = register_images<2>(pair_of(slip), options);
-        EXPECT_EQ(asked(found.summary).was_plain, sums == &early);
+        EXPECT_EQ(asked(found.summary).was_plain, sums == &early) << degrees << " degrees";
         add<2>(found, slip, *sums);
       }
     }
@@ -138,6 +141,10 @@ TEST(PlainShear, SavesWhatOrderZeroIsSlowToSettle) {
   EXPECT_LT(early.error_near_mm, 1.05 * settled.error_near_mm);
   EXPECT_LT(early.evaluations, 0.9 * settled.evaluations);
 }
+
+TEST(PlainShear, SavesWhatOrderZeroIsSlowToSettleWithMi) { expect_little_lost(SimilarityType::Mi); }
+TEST(PlainShear, SavesWhatOrderZeroIsSlowToSettleWithNgf) { expect_little_lost(SimilarityType::Ngf); }
+TEST(PlainShear, SavesWhatOrderZeroIsSlowToSettleWithMind) { expect_little_lost(SimilarityType::Mind); }
 
 // Order 0 goes on beside first orders, with another weight: nothing is lost by what it had not yet settled.
 TEST(PlainShear, LosesNothingInSpaceWithLncc) {
@@ -255,6 +262,9 @@ TEST(PlainShear, IsWhatWasMeasured) {
   RegistrationOptions alike = default_options(Model::Auto, SimilarityType::Lncc, Preset::Balanced);
   alike.momenta.regularisation_beside_first = alike.momenta.regularisation;  // order 0 goes on as it was
   EXPECT_EQ(resolved(alike, cube).momenta.plain_shear, 0);
+  RegistrationOptions beside = default_options(Model::Auto, SimilarityType::Mi, Preset::Balanced);
+  beside.momenta.first_order_waits = false;  // nobody has to wait, so nothing is given up
+  EXPECT_EQ(resolved(beside, plane).momenta.plain_shear, 2 * resolved(beside, plane).momenta.first_order_shear);
   RegistrationOptions given = default_options(Model::Auto, SimilarityType::Ssd, Preset::Balanced);
   given.momenta.first_order_shear = std::numeric_limits<double>::max();
   EXPECT_TRUE(problems(resolved(given, plane)).empty());

@@ -333,7 +333,7 @@ TEST(ResolvedOptions, FollowNoContrastWhereItIsSaidOtherwise) {
 TEST(ResolvedOptions, StayWhenResolvedAgain) {
   for (const Preset preset : {Preset::Fast, Preset::Balanced, Preset::Accurate})
     for (const double mm : {1.0, 3.0})
-      for (const SimilarityType similarity : {SimilarityType::Lncc, SimilarityType::Ssd}) {
+      for (const SimilarityType similarity : all_similarities()) {
         const RegistrationOptions once = resolved(automatic(similarity, preset), block(mm), {0.02, 0.005});
         const auto first = list_parameters(once), second = list_parameters(resolved(once, block(mm), {0.05, 0.003}));
         ASSERT_EQ(first.size(), second.size());

@@ -125,6 +125,15 @@ TEST(Choices, TellTheRegularisationInUse) {
               IsEmpty());
 }
 
+TEST(Choices, TellWhatIsAskedOfTheShearOfOrderZero) {
+  const std::string measured = " (from the similarity, the dimension and the preset, for which it was measured)";
+  EXPECT_EQ(said_of("first_order_shear", Model::Auto, SimilarityType::Mi), Lines{"5.5" + measured});
+  EXPECT_EQ(said_of("first_order_shear", Model::Auto, SimilarityType::Ngf), Lines{"9.5" + measured});
+  EXPECT_EQ(said_of("plain_shear", Model::Auto, SimilarityType::Ssd),
+            Lines{"9.8 (a multiple of first_order_shear where order 0 need not settle first: by the similarity, the "
+                  "dimension, the preset and its weight beside first orders)"});
+}
+
 TEST(Choices, TellOfWhichRangeTheNoiseIsUnlessTheJobGaveIt) {
   EXPECT_EQ(said_of("noise", Model::Auto, SimilarityType::Ssd),
             Lines{"1.5 % (measured in the images, of the fixed image's range)"});
