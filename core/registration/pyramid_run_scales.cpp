@@ -88,8 +88,9 @@ bool PyramidRun<Dim>::may_be_narrower() {
   const bool has_more_to_come = asked.finer_shear > 0 && asked.finest_scale > levels_.back();
   const bool has_all = level_.has_finer || (ends_here && !has_more_to_come);
   if (asked.narrower_pull == 0 || !has_all || !is_at_rest()) return false;
-  return has_first_ || simple_shear(objective_->flow_lattice(), objective_->starting_velocity(reached_.minimiser.x)) <
-                           asked.first_order_shear;
+  if (has_first_) return true;
+  level_.simple_shear = simple_shear(objective_->flow_lattice(), objective_->starting_velocity(reached_.minimiser.x));
+  return level_.simple_shear < asked.first_order_shear;
 }
 
 /// The finest scale that has order 0, which may get a narrower one beside it.

@@ -204,10 +204,18 @@ std::vector<Choice> choices(const ReportInput<Dim>& input) {
                      false});
   }
   for (const LevelSummary& level : summary.levels) {
-    if (level.narrow_pull < 0) continue;
+    const std::string name = "level " + std::to_string(level.level) + ": a narrower scale of order 0, alone";
+    if (level.narrow_pull < 0) {
+      if (level.decision == FirstOrderDecision::None && level.simple_shear > 0)
+        found.push_back({name, "not asked", "",
+                         "with order 0 at rest, the simple shear of its velocity was " + number(level.simple_shear) +
+                             " (asked: less than " + number(input.result->options.momenta.first_order_shear) +
+                             "): something slides, which first orders on finer levels are for",
+                         false});
+      continue;
+    }
     const double asked = input.result->options.momenta.narrower_pull;
-    found.push_back({"level " + std::to_string(level.level) + ": a narrower scale of order 0, alone",
-                     level.has_narrower ? "added" : "left out", "",
+    found.push_back({name, level.has_narrower ? "added" : "left out", "",
                      "with order 0 at rest, the square of what pulled at it was " + number(level.narrow_pull) +
                          " times what noise makes of it (asked: " + number(asked) + "), and " + number(level.own_pull) +
                          " times at its finest scale: " +

@@ -107,6 +107,8 @@ Json describe(const LevelSummary& level) {
   if (level.narrow_pull >= 0)
     json["narrower_order_0"] = {
         {"added", level.has_narrower}, {"pull_over_noise", level.narrow_pull}, {"at_finest_scale", level.own_pull}};
+  else if (level.decision == FirstOrderDecision::None && level.simple_shear > 0)
+    json["narrower_order_0"] = {{"added", false}, {"simple_shear", level.simple_shear}};
   if (level.map_error_mm > 0) json["map_error_mm"] = level.map_error_mm;
   if (level.oblique_share > 0 || level.oriented_elements > 0)
     json["oriented_momenta"] = {{"elements", level.oriented_elements}, {"oblique_share", level.oblique_share}};

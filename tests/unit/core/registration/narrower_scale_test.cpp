@@ -94,11 +94,14 @@ TEST(NarrowerScale, IsFoundBeforeImagesThatAreFinerThanOrder0) {
   options.momenta.orientations = 0;
   options.optimisation.max_iterations = 15;
   options.optimisation.tolerance = options.optimisation.look_tolerance = 0.1;
-  for (const LevelSummary& level : register_images<3>(pair_of(detailed), options).summary.levels)
-    EXPECT_EQ(level.narrow_pull, -1) << level.level;
+  const auto shown = register_images<3>(pair_of(detailed), options).summary.levels;
+  for (const LevelSummary& level : shown) EXPECT_EQ(level.narrow_pull, -1) << level.level;
+  EXPECT_GE(shown[shown.size() - 2].simple_shear, 1e-9) << "a report has to say why";
+  EXPECT_EQ(shown.front().simple_shear, 0);
   options.momenta.first_order_shear = 1e9;
   const auto other = register_images<3>(pair_of(detailed), options).summary.levels;
   EXPECT_GT(other[other.size() - 2].narrow_pull, 0);
+  EXPECT_EQ(other[other.size() - 2].simple_shear, shown[shown.size() - 2].simple_shear);
 }
 
 // A round may end at its limit. What counts is then whether it would have ended by the tolerance of other rounds.

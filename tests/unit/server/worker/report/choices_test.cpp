@@ -217,6 +217,14 @@ TEST(Choices, TellWhetherOrder0GotANarrowerScaleAndWhy) {
   const auto named = Field(&Choice::name, "level 1: a narrower scale of order 0, alone");
   EXPECT_THAT(choices(scene.report), Not(Contains(named)));  // nobody asked
   LevelSummary& level = scene.result.summary.levels[0];
+  scene.result.options.momenta.first_order_shear = 5.5;
+  level.simple_shear = 7.5;
+  EXPECT_THAT(choices(scene.report),
+              Contains(AllOf(named, Field(&Choice::value, "not asked"),
+                             Field(&Choice::why, HasSubstr("was 7.5 (asked: less than 5.5): something slides")))));
+  level.decision = FirstOrderDecision::LeftOut;  // that is told as what it is
+  EXPECT_THAT(choices(scene.report), Not(Contains(named)));
+  level.decision = FirstOrderDecision::None;
   scene.result.options.momenta.narrower_pull = 16.5;
   level.narrow_pull = 2.5;
   level.own_pull = 1.5;

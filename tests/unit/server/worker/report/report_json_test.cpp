@@ -73,6 +73,9 @@ TEST(ReportJson, TellsWhatNarrowWidthsCountAndWhy) {
 TEST(ReportJson, TellsWhetherOrder0GotANarrowerScaleAndWhy) {
   ReportScene<2> scene(3);
   EXPECT_FALSE(json::parse(json_of(scene.report))["levels"][0].contains("narrower_order_0"));
+  scene.result.summary.levels[0].simple_shear = 7.5;
+  EXPECT_EQ(json::parse(json_of(scene.report))["levels"][0]["narrower_order_0"],
+            json({{"added", false}, {"simple_shear", 7.5}}));
   scene.result.summary.levels[0].narrow_pull = 31.5;
   scene.result.summary.levels[0].own_pull = 15.75;
   for (bool is_added : {true, false}) {
