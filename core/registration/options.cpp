@@ -169,8 +169,7 @@ RegistrationOptions default_options(Model model, SimilarityType similarity, Pres
   }
   if (model == Model::Auto) {
     // What is oblique has momenta of its own (core/measurements.md, "Sparsity").
-    if (similarity == SimilarityType::Ncc && preset != Preset::Fast) o.momenta.sparsity *= 2;
-    if (similarity != SimilarityType::Ncc && similarity != SimilarityType::Ssd) o.momenta.sparsity = -1;
+    if (similarity != SimilarityType::Ssd) o.momenta.sparsity = -1;
     if (similarity == SimilarityType::Lncc) o.momenta.narrow_width_shear = -1;
     // With fast order 0 has not settled; with ssd accurate leaves as much in livers as in brains (core/measurements.md,
     // "Widths").

@@ -245,15 +245,13 @@ const std::vector<Parameter>& parameters() {
           [](O & o) -> auto& { return o.momenta.narrow_width_shear; }),
       real(
           "narrower_pull", "", -1, Lower::Inclusive, inf,
-          "where order 0 has settled (at its limit of iterations: by tolerance), alone and with all of its scales, on "
-          "the level that is as fine as these (the finest one, or one before), it goes on with one more, Gaussian and "
-          "2 "
-          "(with lncc 3) voxels of the finest scale wide, if the square of what pulls at that is so many times what "
-          "noise (1 % of the intensity range at least) makes of it and, not with ssd, a tenth (with mind half) more "
-          "times than at the finest scale; on a level without first orders only if less simple shear than "
-          "first_order_shear shows; 0: never, -1 (and nothing else below 0): by "
-          "similarity and dimension, 0 where kernel_widths, width_voxels, another coarsening or first_order_shear 0 is "
-          "given",
+          "where order 0 has settled (at its limit of iterations: by tolerance), alone and with all of its scales, "
+          "on the level that is as fine as these (the finest one, or one before), it goes on with one more, Gaussian "
+          "and 2 (with lncc 3) voxels of the finest scale wide, if the square of what pulls at that is so many times "
+          "what noise (1 % of the intensity range at least) makes of it and, not with ssd, a tenth (with mind half) "
+          "more times than at the finest scale; on a level without first orders only if less simple shear than "
+          "first_order_shear shows; 0: never, -1 (and nothing else below 0): by similarity and dimension, 0 where "
+          "kernel_widths, width_voxels, another coarsening or first_order_shear 0 is given",
           [](O & o) -> auto& { return o.momenta.narrower_pull; }),
       kernel_widths(
           "first_order_kernel_widths", "voxels of the scale",

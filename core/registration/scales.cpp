@@ -76,7 +76,7 @@ double stiffer_beside_first(int dimension, SimilarityType similarity) {
   return 1;
 }
 
-/// Where order 0 takes so long to settle that first orders, which wait for it, cost half as much again.
+/// Where what order 0 takes to settle is half of the iterations of a level with first orders.
 bool is_slow_to_settle(const RegistrationOptions& options) {
   const SimilarityType similarity = options.similarity;
   return options.model == Model::Auto && options.preset == Preset::Balanced &&
@@ -109,25 +109,28 @@ double sharp_shear(int dimension, SimilarityType similarity) {
   return dimension == 3 && similarity == SimilarityType::Lncc ? 4.5 : 0;
 }
 
-/// With auto, whose momenta of oblique interfaces are oriented; core/measurements.md, "Sparsity". A window of lncc
-/// holds fewer samples in 2-D, and more noise. With mi, ngf and mind more elements than an interface has sites would
-/// take part; livers lose by more with mi and accurate ("mi, ngf and mind").
-double auto_sparsity(int dimension, const RegistrationOptions& options) {
-  const bool is_fast = options.preset == Preset::Fast, is_balanced = options.preset == Preset::Balanced;
-  switch (options.similarity) {
-    case SimilarityType::Lncc:
-      return is_fast ? 0.2 : dimension == 2 ? 0.1 : 0.025;
-    case SimilarityType::Mi:
-      return is_fast ? 0.16 : !is_balanced ? 0.04 : dimension == 2 ? 0.08 : 0.2;
-    case SimilarityType::Ngf:
-      return is_fast ? 0.16 : is_balanced ? 0.08 : 0.04;
-    case SimilarityType::Mind:
-      return is_fast ? 0.016 : !is_balanced ? 0.004 : dimension == 2 ? 0.012 : 0.006;
+/// How many times the lambda of sliding auto has, whose momenta of oblique interfaces are oriented;
+/// core/measurements.md, "Sparsity". A window of lncc holds fewer samples in 2-D, and more noise. With mi, ngf and mind
+/// more elements than an interface has sites would take part ("mi, ngf and mind"; accurate loses by it in livers with
+/// mi).
+double sparsity_share(int dimension, SimilarityType similarity, Preset preset) {
+  if (preset == Preset::Fast) return 1;
+  const bool is_flat = dimension == 2, is_balanced = preset == Preset::Balanced;
+  switch (similarity) {
     case SimilarityType::Ssd:
+      return 1;
     case SimilarityType::Ncc:
-      return default_options(options.model, options.similarity, options.preset).momenta.sparsity;
+      return 2;
+    case SimilarityType::Lncc:
+      return is_flat ? 2 : 0.5;
+    case SimilarityType::Mi:
+      return !is_balanced ? 1 : is_flat ? 2 : 5;
+    case SimilarityType::Ngf:
+      return is_balanced ? 2 : 1;
+    case SimilarityType::Mind:
+      return !is_balanced ? 1 : is_flat ? 3 : 1.5;
   }
-  return 0;
+  return 1;
 }
 
 /// With auto and all but ssd: what the next round makes its weights from is seen after a few iterations in 3-D, but
@@ -236,7 +239,10 @@ void resolve_measured(int dimension, RegistrationOptions& o) {
   if (o.momenta.regularisation == 0)
     o.momenta.regularisation = is_ssd ? (dimension == 2 ? 3e-6 : 1e-6) : usual.momenta.regularisation;
   if (o.momenta.sparsity < 0)
-    o.momenta.sparsity = o.model == Model::Auto ? auto_sparsity(dimension, o) : usual.momenta.sparsity;
+    o.momenta.sparsity = o.model == Model::Auto
+                             ? sparsity_share(dimension, o.similarity, o.preset) *
+                                   default_options(Model::Sliding, o.similarity, o.preset).momenta.sparsity
+                             : usual.momenta.sparsity;
   if (o.momenta.first_order_shear < 0) {  // without sparsity they cannot be left out
     const bool may_be_left_out = o.momenta.first_order_scales > 0 && o.momenta.sparsity > 0;
     o.momenta.first_order_shear = may_be_left_out ? least_shear(dimension, o) : 0;
