@@ -69,8 +69,13 @@ struct RegistrationOptions {
     /// Of each scale of order 0 as a share of that of the next finer one; the finest one's is `regularisation`.
     double coarser_regularisation = 1;
     /// That, once first orders take part; 0: no other, but for auto where the preset is not fast ten times as much with
-    /// lncc, three times with mi and ngf and in 2-D twice with mind (core/measurements.md, "Regularisation").
+    /// lncc, three times with mi and ngf and in 2-D twice with mind, and in 3-D with balanced three times with lncc and
+    /// once with ngf (core/measurements.md, "Regularisation").
     double regularisation_beside_first = 0;
+    /// That instead, where a slip was plain (plain_shear): all that is sharp there is the slip's. 0: no other, but for
+    /// auto in 3-D with balanced ten times that of order 0 alone with lncc and three times with ngf, unless
+    /// regularisation_beside_first is given.
+    double regularisation_beside_plain = 0;
     int first_order_scales = 0;         ///< number of order-1 scales; 0 leaves order 1 out
     int first_order_finest_scale = -1;  ///< that of order 1; -1: the finest level's, for Wendland1 in 3-D at least 1
     double first_order_regularisation = 0.01;  ///< weight of 1/2 ||v_i||^2, per mm^2

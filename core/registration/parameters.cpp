@@ -279,8 +279,14 @@ const std::vector<Parameter>& parameters() {
       real(
           "regularisation_beside_first", "per mm^2", 0, Lower::Inclusive, inf,
           "weight of the order-0 part once first orders take part; 0: that of regularisation, or what full_contrast "
-          "says, and for auto, but fast, ten times that with lncc, three times with mi and ngf, in 2-D twice with mind",
+          "says, and for auto, but fast, ten times that with lncc, three times with mi and ngf, in 2-D twice with "
+          "mind, and in 3-D with balanced three times with lncc and once with ngf",
           [](O & o) -> auto& { return o.momenta.regularisation_beside_first; }),
+      real(
+          "regularisation_beside_plain", "per mm^2", 0, Lower::Inclusive, inf,
+          "the same where a slip was plain (plain_shear); 0: that of regularisation_beside_first, and where that is 0 "
+          "for auto with balanced in 3-D ten times regularisation with lncc and three times with ngf",
+          [](O & o) -> auto& { return o.momenta.regularisation_beside_plain; }),
       integer(
           "first_order_scales", "", 0, 8, "number of order-1 scales; 0 leaves order 1 out",
           [](O & o) -> auto& { return o.momenta.first_order_scales; }),

@@ -80,6 +80,7 @@ class PyramidRun {
   void end_finer_scales();
   bool goes_on(std::size_t round);
   bool would_join();
+  double regularisation_beside() const;
   void begin_beside_first_orders();
   void begin_round(std::size_t round);
   void minimise_round(std::size_t round);

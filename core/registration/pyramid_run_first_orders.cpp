@@ -73,12 +73,21 @@ bool PyramidRun<Dim>::would_join() {
   return is_wanted;
 }
 
+/// What order 0 weighs beside first orders; more where they were let in, on whichever level, by a slip that was plain.
+template <int Dim>
+double PyramidRun<Dim>::regularisation_beside() const {
+  const RegistrationOptions::Momenta& asked = options_.momenta;
+  const auto was_plain = [](const LevelSummary& level) { return level.was_plain; };
+  const bool is_plain = level_.was_plain || std::any_of(summary_.levels.begin(), summary_.levels.end(), was_plain);
+  if (is_plain && asked.regularisation_beside_plain > 0) return asked.regularisation_beside_plain;
+  return asked.regularisation_beside_first > 0 ? asked.regularisation_beside_first : asked.regularisation;
+}
+
 /// From here on order 0 has the weight that it has beside first orders, and momenta that make the same velocity. Where
 /// narrow widths counted less they are whole again, and what is smooth stays: kernels have unit mass.
 template <int Dim>
 void PyramidRun<Dim>::begin_beside_first_orders() {
-  const double alone = options_.momenta.regularisation;
-  const double asked = options_.momenta.regularisation_beside_first, beside = asked == 0 ? alone : asked;
+  const double alone = options_.momenta.regularisation, beside = regularisation_beside();
   if (is_beside_first_ || (beside == alone && narrow_share() == 1)) return;
   is_beside_first_ = true;
   const bool has_objective = objective_ != nullptr;
@@ -95,6 +104,7 @@ void PyramidRun<Dim>::begin_beside_first_orders() {
   template MinimiseSummary PyramidRun<DIM>::minimise_until_plain(); \
   template bool PyramidRun<DIM>::first_orders_are_worth_it();       \
   template bool PyramidRun<DIM>::would_join();                      \
+  template double PyramidRun<DIM>::regularisation_beside() const;   \
   template void PyramidRun<DIM>::begin_beside_first_orders();
 SALTUS_FIRST_ORDERS(2)
 SALTUS_FIRST_ORDERS(3)

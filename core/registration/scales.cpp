@@ -37,11 +37,19 @@ double in_few_digits(double value) {
 /// Voxels that 3-D images are taken at every second of.
 bool is_fine(double reference_mm) { return 2 * reference_mm <= 3; }
 
+/// Where slips that are plain and others are told apart: first orders are let in by either, and order 0 is held more
+/// beside those of the former (stiffer), as measured; core/measurements.md, "Only where it slides".
+bool tells_plain(int dimension, const RegistrationOptions& options) {
+  return dimension == 3 && options.preset == Preset::Balanced &&
+         (options.similarity == SimilarityType::Lncc || options.similarity == SimilarityType::Ngf);
+}
+
 /// What the velocity of order 0 has at least where something slides, see simple_shear; core/measurements.md, "Only
-/// where it slides". In 3-D images first orders cost much with lncc and, with accurate, with ngf and mind, and bring
-/// little where much else than shear is seen; order 0 that has not settled (fast) shows less.
+/// where it slides". In 3-D images first orders that hold order 0 back cost much with lncc and, with accurate, with ngf
+/// and mind, and bring little where much else than shear is seen; order 0 that has not settled (fast) shows less.
 double least_shear(int dimension, const RegistrationOptions& options) {
   if (dimension == 2) return 6;
+  if (tells_plain(dimension, options)) return 5.5;
   switch (options.similarity) {
     case SimilarityType::Lncc:
       return 10.6;
@@ -59,21 +67,37 @@ double least_shear(int dimension, const RegistrationOptions& options) {
 
 constexpr double kStifferWithLncc = 10;
 /// How many times as much order 0 counts beside first orders that were let in: what is sharp is theirs, and order 0
-/// draws it out no more (core/measurements.md, "Regularisation").
-double stiffer_beside_first(int dimension, SimilarityType similarity) {
-  switch (similarity) {
+/// draws it out no more. Where a slip is not plain there is more than that to be drawn (core/measurements.md,
+/// "Regularisation").
+struct Stiffer {
+  double beside_first, beside_plain;
+};
+Stiffer stiffer(int dimension, const RegistrationOptions& options) {
+  const bool is_told = tells_plain(dimension, options);
+  switch (options.similarity) {
     case SimilarityType::Lncc:
-      return kStifferWithLncc;
-    case SimilarityType::Mi:
+      return {is_told ? 3 : kStifferWithLncc, kStifferWithLncc};
     case SimilarityType::Ngf:
-      return 3;
+      return {is_told ? 1.0 : 3.0, 3};
+    case SimilarityType::Mi:
+      return {3, 3};
     case SimilarityType::Mind:
-      return dimension == 2 ? 2 : 1;
+      return dimension == 2 ? Stiffer{2, 2} : Stiffer{1, 1};
     case SimilarityType::Ssd:
     case SimilarityType::Ncc:
-      return 1;
+      return {1, 1};
   }
-  return 1;
+  return {1, 1};
+}
+
+/// Where none of these weights is given.
+void resolve_beside_first(int dimension, RegistrationOptions& o) {
+  if (o.model != Model::Auto || o.preset == Preset::Fast || o.momenta.regularisation_beside_first != 0) return;
+  const Stiffer times = stiffer(dimension, o);
+  if (times.beside_first > 1)
+    o.momenta.regularisation_beside_first = in_few_digits(times.beside_first * o.momenta.regularisation);
+  if (times.beside_plain > times.beside_first && o.momenta.regularisation_beside_plain == 0)
+    o.momenta.regularisation_beside_plain = in_few_digits(times.beside_plain * o.momenta.regularisation);
 }
 
 /// Where what order 0 takes to settle is half of the iterations of a level with first orders.
@@ -89,11 +113,15 @@ bool is_slow_to_settle(const RegistrationOptions& options) {
 /// and "mi, ngf and mind".
 double plain_shear(int dimension, const RegistrationOptions& options) {
   const RegistrationOptions::Momenta& momenta = options.momenta;
+  const double beside = momenta.regularisation_beside_plain > 0 ? momenta.regularisation_beside_plain
+                                                                : momenta.regularisation_beside_first;
   const bool is_stiffer = dimension == 3 && options.similarity == SimilarityType::Lncc &&
-                          momenta.regularisation_beside_first >= kStifferWithLncc * momenta.regularisation;
+                          beside >= in_few_digits(kStifferWithLncc * momenta.regularisation);
   const bool is_free = !momenta.first_order_waits || is_stiffer;
   if (!is_free && !is_slow_to_settle(options)) return 0;
-  return std::min((is_free ? 2 : 4.0 / 3) * momenta.first_order_shear, std::numeric_limits<double>::max());  // finite
+  const bool is_lncc = options.similarity == SimilarityType::Lncc;
+  const double times = tells_plain(dimension, options) ? (is_lncc ? 4 : 7.0 / 3) : is_free ? 2 : 4.0 / 3;
+  return std::min(times * momenta.first_order_shear, std::numeric_limits<double>::max());  // finite
 }
 
 /// With ssd in 3-D the same once order 0 has all scales. In 2-D a Gaussian of so many pixels follows noise, and smooth
@@ -354,9 +382,7 @@ RegistrationOptions resolved(const RegistrationOptions& options, const Lattice<D
   follow_contrast(traits.contrast, noise, o);
   if (o.momenta.oriented_width == 0) o.momenta.oriented_width = 1;
   if (o.momenta.oriented_alone < 0) o.momenta.oriented_alone = 1;
-  const double stiffer = stiffer_beside_first(Dim, o.similarity);
-  if (o.model == Model::Auto && stiffer > 1 && o.preset != Preset::Fast && o.momenta.regularisation_beside_first == 0)
-    o.momenta.regularisation_beside_first = stiffer * o.momenta.regularisation;
+  resolve_beside_first(Dim, o);
   if (o.momenta.plain_shear < 0) o.momenta.plain_shear = plain_shear(Dim, o);
   if (o.momenta.finer_shear < 0) o.momenta.finer_shear = finer_shear(Dim, o);
   if (o.momenta.first_order_shear == 0)  // order 0 is not asked

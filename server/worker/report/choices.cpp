@@ -101,6 +101,9 @@ std::string measured_from(const std::string& name, const ReportInput<Dim>& input
                ? "from the fixed image's contrast, which is low (full_contrast), and the noise"
                : "from regularisation, by model, similarity, preset and dimension: what is sharp is left to "
                  "first orders";
+  if (name == "regularisation_beside_plain")
+    return "from regularisation, by model, similarity, preset and dimension: where a slip was plain (plain_shear) it "
+           "is all that is sharp";
   if (name == "oriented_alone" || name == "oriented_width")
     return "from the similarity and the dimension, with ssd from the fixed image's contrast (full_contrast)";
   if (name == "sparsity") return where_sparsity_is_from(*input.options);

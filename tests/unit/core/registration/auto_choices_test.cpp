@@ -2,7 +2,9 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <cmath>
 #include <map>
+#include <ostream>
 #include <tuple>
 #include <utility>
 
@@ -128,30 +130,53 @@ TEST(AutoChoices, LetsCoarserScalesMoveFarWhereThatWasMeasured) {
           << to_string(model) << " " << to_string(similarity);
 }
 
+struct Held {  // how many times as much order 0 weighs beside first orders; 0: no other than otherwise
+  double beside_first, beside_plain;
+  bool operator==(const Held&) const = default;
+};
+void PrintTo(const Held& held, std::ostream* stream) { *stream << held.beside_first << ", " << held.beside_plain; }
+
+template <int Dim>
+Held held(const RegistrationOptions& options, const Lattice<Dim>& image) {
+  const RegistrationOptions::Momenta momenta = resolved(options, image).momenta;
+  const auto again = resolved(resolved(options, image), image).momenta;
+  EXPECT_EQ(again.regularisation_beside_first, momenta.regularisation_beside_first);
+  EXPECT_EQ(again.regularisation_beside_plain, momenta.regularisation_beside_plain);
+  EXPECT_EQ(again.plain_shear, momenta.plain_shear);
+  const auto times = [&](double weight) { return std::round(1e6 * weight / momenta.regularisation) / 1e6; };
+  return {times(momenta.regularisation_beside_first), times(momenta.regularisation_beside_plain)};
+}
+
 TEST(AutoChoices, HoldsOrderZeroMoreBesideFirstOrders) {
   const Lattice<2> plane{{128, 128}, {1, 1}, {}};
   const Lattice<3> cube{{128, 128, 128}, {1, 1, 1}, {}};
-  const auto times = [](const RegistrationOptions& resolved) {
-    const RegistrationOptions::Momenta& momenta = resolved.momenta;
-    return momenta.regularisation_beside_first == 0 ? 1 : momenta.regularisation_beside_first / momenta.regularisation;
+  struct Measured {
+    Held in_plane, in_space, balanced_in_space;
   };
-  const std::map<SimilarityType, std::pair<double, double>> measured = {
-      {SimilarityType::Ssd, {1, 1}}, {SimilarityType::Ncc, {1, 1}}, {SimilarityType::Lncc, {10, 10}},
-      {SimilarityType::Mi, {3, 3}},  {SimilarityType::Ngf, {3, 3}}, {SimilarityType::Mind, {2, 1}}};
+  const std::map<SimilarityType, Measured> measured = {
+      {SimilarityType::Ssd, {{0, 0}, {0, 0}, {0, 0}}},     {SimilarityType::Ncc, {{0, 0}, {0, 0}, {0, 0}}},
+      {SimilarityType::Lncc, {{10, 0}, {10, 0}, {3, 10}}}, {SimilarityType::Mi, {{3, 0}, {3, 0}, {3, 0}}},
+      {SimilarityType::Ngf, {{3, 0}, {3, 0}, {0, 3}}},     {SimilarityType::Mind, {{2, 0}, {0, 0}, {0, 0}}}};
   for (const auto& [similarity, expected] : measured) {
     SCOPED_TRACE(to_string(similarity));
+    const RegistrationOptions fast = default_options(Model::Auto, similarity, Preset::Fast);
+    EXPECT_EQ(held(fast, plane), (Held{0, 0})) << "fast, where order 0 has not settled";
+    EXPECT_EQ(held(fast, cube), (Held{0, 0}));
+    const RegistrationOptions accurate = default_options(Model::Auto, similarity, Preset::Accurate);
+    EXPECT_EQ(held(accurate, plane), expected.in_plane);
+    EXPECT_EQ(held(accurate, cube), expected.in_space);
     RegistrationOptions options = default_options(Model::Auto, similarity, Preset::Balanced);
-    EXPECT_DOUBLE_EQ(times(resolved(options, plane)), expected.first);
-    EXPECT_DOUBLE_EQ(times(resolved(options, cube)), expected.second);
-    options.momenta.regularisation_beside_first = 2.5 * resolved(options, cube).momenta.regularisation;
-    EXPECT_DOUBLE_EQ(times(resolved(options, cube)), 2.5);    // what is given counts as it is
-    for (Preset preset : {Preset::Fast, Preset::Accurate}) {  // fast, where order 0 has not settled, leaves it
-      const RegistrationOptions other = default_options(Model::Auto, similarity, preset);
-      EXPECT_DOUBLE_EQ(times(resolved(other, plane)), preset == Preset::Fast ? 1 : expected.first);
-      EXPECT_DOUBLE_EQ(times(resolved(other, cube)), preset == Preset::Fast ? 1 : expected.second);
-      EXPECT_DOUBLE_EQ(times(resolved(resolved(other, cube), cube)), times(resolved(other, cube)));
-    }
-    EXPECT_DOUBLE_EQ(times(resolved(default_options(Model::Sliding, similarity, Preset::Balanced), plane)), 1);
+    EXPECT_EQ(held(options, plane), expected.in_plane);
+    EXPECT_EQ(held(options, cube), expected.balanced_in_space);
+    // What is given counts as it is, for plain slips as well where nothing else is said of them.
+    const double alone = resolved(options, cube).momenta.regularisation;
+    options.momenta.regularisation_beside_first = 2.5 * alone;
+    EXPECT_EQ(held(options, cube), (Held{2.5, 0}));
+    options.momenta.regularisation_beside_plain = 3.5 * alone;
+    EXPECT_EQ(held(options, cube), (Held{2.5, 3.5}));
+    options.momenta.regularisation_beside_first = 0;
+    EXPECT_EQ(held(options, cube), (Held{expected.balanced_in_space.beside_first, 3.5}));
+    EXPECT_EQ(held(default_options(Model::Sliding, similarity, Preset::Balanced), cube), (Held{0, 0}));
   }
 }
 

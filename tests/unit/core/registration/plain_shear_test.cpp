@@ -164,6 +164,55 @@ TEST(PlainShear, LosesNothingInSpaceWithLncc) {
   EXPECT_LT(early.evaluations, 0.8 * settled.evaluations);
 }
 
+// On the level that was asked and on the finer ones, whose first orders were let in with it.
+TEST(PlainShear, SaysWhatOrderZeroWeighsBesideFirstOrders) {
+  const RegistrationInput<2> input = pair_of(phantom<2>(PhantomKind::Slip, 30));
+  const auto found = [&](bool is_plain, double times_beside_first, double times_beside_plain) {
+    RegistrationOptions options = default_options(Model::Auto, SimilarityType::Lncc, Preset::Balanced);
+    options.pyramid.levels = 2;
+    options.momenta.first_order_scales = 2;
+    options.momenta.first_order_shear = 1e-9;
+    options.momenta.plain_shear = is_plain ? 1e-9 : 1e9;
+    options.momenta.regularisation_beside_first = times_beside_first * options.momenta.regularisation;
+    options.momenta.regularisation_beside_plain = times_beside_plain * options.momenta.regularisation;
+    const RegistrationResult<2> result = register_images<2>(input, options);
+    EXPECT_EQ(result.summary.levels.front().decision, FirstOrderDecision::LetIn);
+    EXPECT_EQ(result.summary.levels.front().was_plain, is_plain);
+    EXPECT_EQ(result.summary.levels.back().decision, FirstOrderDecision::None) << "it was decided before";
+    return result.displacement.samples;
+  };
+  for (bool is_plain : {false, true}) EXPECT_NE(found(is_plain, 2, 0), found(is_plain, 8, 0));
+  EXPECT_EQ(found(false, 2, 8), found(false, 2, 0));
+  EXPECT_EQ(found(true, 2, 8), found(true, 8, 0));
+}
+
+// A body around which something slides bends the slip, which shows less, and not early.
+TEST(PlainShear, IsNotWhatASlipAroundASmallBodyNeeds) {
+  PhantomOptions scene = default_phantom_options(PhantomKind::Slip, 3);
+  scene.size = {64, 64, 64};
+  scene.noise = 0.02;
+  scene.interface = InterfaceShape::Circle;
+  scene.radius_mm = 14;
+  scene.slip_mm = 4;
+  const Phantom<3> body = make_phantom<3>(scene);
+  for (SimilarityType similarity : {SimilarityType::Lncc, SimilarityType::Ngf}) {
+    SCOPED_TRACE(to_string(similarity));
+    RegistrationOptions options = default_options(Model::Auto, similarity, Preset::Balanced);
+    Sums let_in, left_out;
+    for (Sums* sums : {&let_in, &left_out}) {
+      if (sums == &left_out) options.momenta.first_order_shear = 1e9;
+      const RegistrationResult<3> found = register_images<3>(pair_of(body), options);
+      const LevelSummary& level = asked(found.summary);
+      EXPECT_EQ(level.decision, sums == &let_in ? FirstOrderDecision::LetIn : FirstOrderDecision::LeftOut);
+      EXPECT_FALSE(level.was_plain);
+      EXPECT_LT(level.simple_shear, 9.5) << "what was asked before was too much";
+      add<3>(found, body, *sums);
+    }
+    EXPECT_LT(let_in.error_mm, 0.8 * left_out.error_mm);
+    EXPECT_LT(let_in.error_near_mm, 0.8 * left_out.error_near_mm);
+  }
+}
+
 /// No first order wants to be there: order 0 goes on until it has settled, and all that the look was is an evaluation.
 void expect_a_look_in_vain(RegistrationOptions options) {
   const RegistrationInput<2> input = pair_of(phantom<2>(PhantomKind::Slip));
@@ -249,12 +298,16 @@ TEST(PlainShear, IsWhatWasMeasured) {
     EXPECT_EQ(share(SimilarityType::Ssd, preset, plane), 2);
     EXPECT_EQ(share(SimilarityType::Ssd, preset, cube), 2);
     EXPECT_EQ(share(SimilarityType::Lncc, preset, plane), 0);
-    EXPECT_EQ(share(SimilarityType::Lncc, preset, cube), preset == Preset::Fast ? 0 : 2);
+    EXPECT_EQ(share(SimilarityType::Lncc, preset, cube), preset == Preset::Fast       ? 0
+                                                         : preset == Preset::Balanced ? 4
+                                                                                      : 2);
     EXPECT_EQ(share(SimilarityType::Ncc, preset, plane), 0);
     EXPECT_EQ(share(SimilarityType::Ncc, preset, cube), 0);
     for (SimilarityType similarity : {SimilarityType::Mi, SimilarityType::Ngf, SimilarityType::Mind}) {
       EXPECT_DOUBLE_EQ(share(similarity, preset, plane), preset == Preset::Balanced ? 4.0 / 3 : 0);
-      EXPECT_DOUBLE_EQ(share(similarity, preset, cube), preset == Preset::Balanced ? 4.0 / 3 : 0);
+      EXPECT_DOUBLE_EQ(share(similarity, preset, cube), preset != Preset::Balanced          ? 0
+                                                        : similarity == SimilarityType::Ngf ? 7.0 / 3
+                                                                                            : 4.0 / 3);
       EXPECT_EQ(momenta(Model::Sliding, similarity, preset, plane).plain_shear, 0);
     }
     EXPECT_EQ(momenta(Model::Sliding, SimilarityType::Ssd, preset, plane).plain_shear, 0);

@@ -19,10 +19,11 @@ using testing::Not;
 /// Everything that is said of `name` after a registration of `model` and `similarity` with these settings, whose images
 /// have noise of 1.5 %: "value (why)", for each line.
 std::vector<std::string> said_of(const std::string& name, Model model, SimilarityType similarity,
-                                 const std::vector<std::pair<const char*, const char*>>& settings = {}) {
+                                 const std::vector<std::pair<const char*, const char*>>& settings = {},
+                                 Preset preset = Preset::Accurate) {  // to full resolution, where the noise is whole
   constexpr double noise = 0.015;
   ReportScene<3> scene(3);
-  scene.options = default_options(model, similarity, Preset::Accurate);  // to full resolution, where the noise is whole
+  scene.options = default_options(model, similarity, preset);
   for (const auto& [setting, value] : settings) set_parameter(scene.options, setting, value);
   scene.result.options = resolved(scene.options, lattice_of(scene.images.fixed.grid), {noise});
   scene.result.summary.noise = noise;
@@ -129,6 +130,8 @@ TEST(Choices, TellWhatIsAskedOfTheShearOfOrderZero) {
   const std::string measured = " (from the similarity, the dimension and the preset, for which it was measured)";
   EXPECT_EQ(said_of("first_order_shear", Model::Auto, SimilarityType::Mi), Lines{"5.5" + measured});
   EXPECT_EQ(said_of("first_order_shear", Model::Auto, SimilarityType::Ngf), Lines{"9.5" + measured});
+  EXPECT_EQ(said_of("first_order_shear", Model::Auto, SimilarityType::Ngf, {}, Preset::Balanced),
+            Lines{"5.5" + measured});
   EXPECT_EQ(said_of("plain_shear", Model::Auto, SimilarityType::Ssd),
             Lines{"9.8 (a multiple of first_order_shear where order 0 need not settle first: by the similarity, the "
                   "dimension, the preset and its weight beside first orders)"});
@@ -302,10 +305,21 @@ TEST(Choices, TellWhetherMomentaWereOrientedAndWhy) {
 TEST(Choices, TellHowMuchOrderZeroIsHeldBesideFirstOrders) {
   const std::string from =
       " (from regularisation, by model, similarity, preset and dimension: what is sharp is left to first orders)";
-  EXPECT_EQ(said_of("regularisation_beside_first", Model::Auto, SimilarityType::Lncc), Lines{"0.001" + from});
-  EXPECT_EQ(said_of("regularisation_beside_first", Model::Auto, SimilarityType::Mi), Lines{"0.003" + from});
-  EXPECT_THAT(said_of("regularisation_beside_first", Model::Auto, SimilarityType::Mind), IsEmpty());
-  EXPECT_THAT(said_of("regularisation_beside_first", Model::Auto, SimilarityType::Ncc), IsEmpty());
+  const std::string of_plain =
+      " (from regularisation, by model, similarity, preset and dimension: where a slip was plain (plain_shear) it is "
+      "all that is sharp)";
+  const auto held = [](SimilarityType similarity, Preset preset) {
+    Lines lines = said_of("regularisation_beside_first", Model::Auto, similarity, {}, preset);
+    for (const std::string& line : said_of("regularisation_beside_plain", Model::Auto, similarity, {}, preset))
+      lines.push_back(line);
+    return lines;
+  };
+  EXPECT_EQ(held(SimilarityType::Lncc, Preset::Accurate), Lines{"0.001" + from});
+  EXPECT_EQ(held(SimilarityType::Lncc, Preset::Balanced), (Lines{"0.0003" + from, "0.001" + of_plain}));
+  EXPECT_EQ(held(SimilarityType::Ngf, Preset::Balanced), Lines{"0.003" + of_plain});
+  EXPECT_EQ(held(SimilarityType::Mi, Preset::Balanced), Lines{"0.003" + from});
+  EXPECT_THAT(held(SimilarityType::Mind, Preset::Balanced), IsEmpty());
+  EXPECT_THAT(held(SimilarityType::Ncc, Preset::Balanced), IsEmpty());
 }
 
 TEST(Choices, MakeACommandThatAsksForTheSameAgain) {
