@@ -59,7 +59,7 @@ RegistrationOptions default_options(Model model, SimilarityType similarity, Pres
       o.momenta.first_order_scales = 8;  // beside every order-0 scale
       break;
     case Model::Auto:
-      o.momenta.first_order_shear = o.momenta.plain_shear = -1;
+      o.momenta.first_order_shear = o.momenta.plain_shear = o.momenta.settled_plain_shear = -1;
       o.momenta.most_active_share = 0;
       [[fallthrough]];
     case Model::Sliding:

@@ -69,12 +69,12 @@ struct RegistrationOptions {
     /// Of each scale of order 0 as a share of that of the next finer one; the finest one's is `regularisation`.
     double coarser_regularisation = 1;
     /// That, once first orders take part; 0: no other, but for auto where the preset is not fast ten times as much with
-    /// lncc, three times with mi and ngf and in 2-D twice with mind, and in 3-D with balanced three times with lncc and
+    /// lncc, three times with mi and ngf and in 2-D twice with mind, but in 3-D with balanced three times with lncc and
     /// once with ngf (core/measurements.md, "Regularisation").
     double regularisation_beside_first = 0;
-    /// That instead, where a slip was plain (plain_shear): all that is sharp there is the slip's. 0: no other, but for
-    /// auto in 3-D with balanced ten times that of order 0 alone with lncc and three times with ngf, unless
-    /// regularisation_beside_first is given.
+    /// That instead, where it was a plain slip that let them in: early (plain_shear) or in the end
+    /// (settled_plain_shear). 0: no other, but for auto in 3-D with balanced ten times that of order 0 alone with lncc
+    /// and three times with ngf, unless regularisation_beside_first is given.
     double regularisation_beside_plain = 0;
     int first_order_scales = 0;         ///< number of order-1 scales; 0 leaves order 1 out
     int first_order_finest_scale = -1;  ///< that of order 1; -1: the finest level's, for Wendland1 in 3-D at least 1
@@ -99,6 +99,9 @@ struct RegistrationOptions {
     /// With so much of it early on a level order 0 need not settle first; 0: it always does; -1: what was measured
     /// (core/measurements.md, "Only where it slides").
     double plain_shear = 0;
+    /// With so much of it a slip is plain as well where order 0 has settled, for regularisation_beside_plain; 0: none
+    /// is; -1: what was measured (core/measurements.md, "Only where it slides").
+    double settled_plain_shear = 0;
     /// Where first orders that do not wait were left out on the finest level and order 0 ends at a coarser scale, it
     /// gets the finer ones as well, settles again and lets first orders in with so much simple shear; 0: it does not;
     /// -1: what was measured (core/measurements.md, "Only where it slides").

@@ -280,12 +280,13 @@ const std::vector<Parameter>& parameters() {
           "regularisation_beside_first", "per mm^2", 0, Lower::Inclusive, inf,
           "weight of the order-0 part once first orders take part; 0: that of regularisation, or what full_contrast "
           "says, and for auto, but fast, ten times that with lncc, three times with mi and ngf, in 2-D twice with "
-          "mind, and in 3-D with balanced three times with lncc and once with ngf",
+          "mind, but in 3-D with balanced three times with lncc and once with ngf",
           [](O & o) -> auto& { return o.momenta.regularisation_beside_first; }),
       real(
           "regularisation_beside_plain", "per mm^2", 0, Lower::Inclusive, inf,
-          "the same where a slip was plain (plain_shear); 0: that of regularisation_beside_first, and where that is 0 "
-          "for auto with balanced in 3-D ten times regularisation with lncc and three times with ngf",
+          "the same where a plain slip let them in (plain_shear, settled_plain_shear); 0: that of "
+          "regularisation_beside_first, and where that is 0 for auto with balanced in 3-D ten times regularisation "
+          "with lncc and three times with ngf",
           [](O & o) -> auto& { return o.momenta.regularisation_beside_plain; }),
       integer(
           "first_order_scales", "", 0, 8, "number of order-1 scales; 0 leaves order 1 out",
@@ -345,8 +346,16 @@ const std::vector<Parameter>& parameters() {
           "plain_shear", "", -1, Lower::Inclusive, inf,
           "order 1 takes part without waiting for order 0 to settle where that shows so much simple shear after three "
           "iterations of a level; 0: always waits, -1 (and nothing else below 0): twice first_order_shear where that "
-          "is known to cost nothing, 4/3 of it where order 0 is slow to settle, otherwise 0",
+          "is known to cost nothing, 4/3 of it where order 0 is slow to settle, otherwise 0; of 10.6 with lncc and 9.5 "
+          "with ngf at least where regularisation_beside_plain goes with it",
           [](O & o) -> auto& { return o.momenta.plain_shear; }),
+      real(
+          "settled_plain_shear", "", -1, Lower::Inclusive, inf,
+          "a slip is plain as well, for regularisation_beside_plain, where order 0 that has settled shows so much "
+          "simple "
+          "shear; 0: none is, -1 (and nothing else below 0): for auto with balanced in 3-D 12 with lncc and 9.5 with "
+          "ngf, otherwise 0",
+          [](O & o) -> auto& { return o.momenta.settled_plain_shear; }),
       real(
           "finer_shear", "", -1, Lower::Inclusive, inf,
           "where order 1 is left out on the finest level and order 0 ends at a coarser scale, order 0 gets the finer "
@@ -558,7 +567,8 @@ std::vector<std::string> problems(const RegistrationOptions& options) {
                     " and sparsity is 0, with which first orders always take part; set that above 0, or this to 0");
   const double plain = options.momenta.plain_shear;
   for (const auto& [name, asked] :
-       {std::pair("plain_shear", plain), std::pair("finer_shear", options.momenta.finer_shear),
+       {std::pair("plain_shear", plain), std::pair("settled_plain_shear", options.momenta.settled_plain_shear),
+        std::pair("finer_shear", options.momenta.finer_shear),
         std::pair("narrower_pull", options.momenta.narrower_pull)})
     if (asked > 0 && shear == 0)
       found.push_back("parameter " + std::string(name) + " is " + format(asked) +
@@ -572,6 +582,7 @@ std::vector<std::string> problems(const RegistrationOptions& options) {
       {"narrower_pull", options.momenta.narrower_pull},
       {"divergence_weight", options.flow.divergence_weight},
       {"plain_shear", options.momenta.plain_shear},
+      {"settled_plain_shear", options.momenta.settled_plain_shear},
       {"finer_shear", options.momenta.finer_shear},
       {"round_tolerance", options.optimisation.round_tolerance},
       {"first_round_tolerance", options.optimisation.first_round_tolerance}};

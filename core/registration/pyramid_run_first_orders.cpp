@@ -73,14 +73,12 @@ bool PyramidRun<Dim>::would_join() {
   return is_wanted;
 }
 
-/// What order 0 weighs beside first orders; more where they were let in, on whichever level, by a slip that was plain.
+/// What order 0 weighs beside first orders that were let in on this level or a coarser one.
 template <int Dim>
 double PyramidRun<Dim>::regularisation_beside() const {
-  const RegistrationOptions::Momenta& asked = options_.momenta;
-  const auto was_plain = [](const LevelSummary& level) { return level.was_plain; };
-  const bool is_plain = level_.was_plain || std::any_of(summary_.levels.begin(), summary_.levels.end(), was_plain);
-  if (is_plain && asked.regularisation_beside_plain > 0) return asked.regularisation_beside_plain;
-  return asked.regularisation_beside_first > 0 ? asked.regularisation_beside_first : asked.regularisation;
+  for (const LevelSummary& before : summary_.levels)
+    if (before.decision == FirstOrderDecision::LetIn) return saltus::regularisation_beside(options_.momenta, before);
+  return saltus::regularisation_beside(options_.momenta, level_);
 }
 
 /// From here on order 0 has the weight that it has beside first orders, and momenta that make the same velocity. Where

@@ -77,6 +77,10 @@ struct LevelSummary {
   double cpu_seconds = 0;
 };
 
+/// What order 0 weighs, per mm^2, beside first orders that were let in on this level: more where a plain slip did that,
+/// which was seen before order 0 had settled or in the end (momenta.settled_plain_shear).
+double regularisation_beside(const RegistrationOptions::Momenta& momenta, const LevelSummary& level);
+
 struct RegistrationSummary {
   std::vector<LevelSummary> levels;                  ///< coarsest first
   std::vector<IterationRecord> history;              ///< all levels in order

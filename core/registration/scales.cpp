@@ -8,6 +8,8 @@
 #include "core/support/errors.h"
 
 #include <algorithm>
+#include <array>
+#include <charconv>
 #include <cmath>
 #include <limits>
 
@@ -38,11 +40,17 @@ double in_few_digits(double value) {
 bool is_fine(double reference_mm) { return 2 * reference_mm <= 3; }
 
 /// Where slips that are plain and others are told apart: first orders are let in by either, and order 0 is held more
-/// beside those of the former (stiffer), as measured; core/measurements.md, "Only where it slides".
+/// beside those of the former (stiffer). As measured; core/measurements.md, "Only where it slides". Not where one
+/// weight is given for both.
 bool tells_plain(int dimension, const RegistrationOptions& options) {
-  return dimension == 3 && options.preset == Preset::Balanced &&
+  const RegistrationOptions::Momenta& momenta = options.momenta;
+  const bool is_given = momenta.regularisation_beside_first > 0 && momenta.regularisation_beside_plain == 0;
+  return options.model == Model::Auto && dimension == 3 && options.preset == Preset::Balanced && !is_given &&
          (options.similarity == SimilarityType::Lncc || options.similarity == SimilarityType::Ngf);
 }
+
+/// In 3-D: what is asked where they are not told apart, and order 0 is held as beside plain ones.
+constexpr double kShearOfLncc = 10.6, kShearOfNgf = 9.5;
 
 /// What the velocity of order 0 has at least where something slides, see simple_shear; core/measurements.md, "Only
 /// where it slides". In 3-D images first orders that hold order 0 back cost much with lncc and, with accurate, with ngf
@@ -52,10 +60,10 @@ double least_shear(int dimension, const RegistrationOptions& options) {
   if (tells_plain(dimension, options)) return 5.5;
   switch (options.similarity) {
     case SimilarityType::Lncc:
-      return 10.6;
+      return kShearOfLncc;
     case SimilarityType::Ngf:
     case SimilarityType::Mind:
-      return options.preset == Preset::Fast ? 5.5 : 9.5;
+      return options.preset == Preset::Fast ? 5.5 : kShearOfNgf;
     case SimilarityType::Ssd:
       return 4.9;
     case SimilarityType::Ncc:
@@ -90,14 +98,23 @@ Stiffer stiffer(int dimension, const RegistrationOptions& options) {
   return {1, 1};
 }
 
-/// Where none of these weights is given.
+/// Without what a product adds to the last digit: 3e-4 for three times 1e-4.
+double in_15_digits(double value) {
+  std::array<char, 32> text;
+  const auto end = std::to_chars(text.data(), text.data() + text.size(), value, std::chars_format::scientific, 14).ptr;
+  std::from_chars(text.data(), end, value);
+  return value;
+}
+
+/// Where it is not given. Of what is let in unasked nobody knows whether it is plain; as a rule it is.
 void resolve_beside_first(int dimension, RegistrationOptions& o) {
   if (o.model != Model::Auto || o.preset == Preset::Fast || o.momenta.regularisation_beside_first != 0) return;
   const Stiffer times = stiffer(dimension, o);
-  if (times.beside_first > 1)
-    o.momenta.regularisation_beside_first = in_few_digits(times.beside_first * o.momenta.regularisation);
-  if (times.beside_plain > times.beside_first && o.momenta.regularisation_beside_plain == 0)
-    o.momenta.regularisation_beside_plain = in_few_digits(times.beside_plain * o.momenta.regularisation);
+  const bool is_asked = o.momenta.first_order_shear > 0;
+  const double beside_first = is_asked ? times.beside_first : times.beside_plain;
+  if (beside_first > 1) o.momenta.regularisation_beside_first = in_15_digits(beside_first * o.momenta.regularisation);
+  if (is_asked && times.beside_plain > times.beside_first && o.momenta.regularisation_beside_plain == 0)
+    o.momenta.regularisation_beside_plain = in_15_digits(times.beside_plain * o.momenta.regularisation);
 }
 
 /// Where what order 0 takes to settle is half of the iterations of a level with first orders.
@@ -113,15 +130,23 @@ bool is_slow_to_settle(const RegistrationOptions& options) {
 /// and "mi, ngf and mind".
 double plain_shear(int dimension, const RegistrationOptions& options) {
   const RegistrationOptions::Momenta& momenta = options.momenta;
-  const double beside = momenta.regularisation_beside_plain > 0 ? momenta.regularisation_beside_plain
-                                                                : momenta.regularisation_beside_first;
-  const bool is_stiffer = dimension == 3 && options.similarity == SimilarityType::Lncc &&
-                          beside >= in_few_digits(kStifferWithLncc * momenta.regularisation);
+  const bool is_lncc = options.similarity == SimilarityType::Lncc, is_told = tells_plain(dimension, options);
+  const bool is_stiffer =
+      dimension == 3 && is_lncc &&
+      (is_told || momenta.regularisation_beside_first >= (1 - 1e-9) * kStifferWithLncc * momenta.regularisation);
   const bool is_free = !momenta.first_order_waits || is_stiffer;
   if (!is_free && !is_slow_to_settle(options)) return 0;
-  const bool is_lncc = options.similarity == SimilarityType::Lncc;
-  const double times = tells_plain(dimension, options) ? (is_lncc ? 4 : 7.0 / 3) : is_free ? 2 : 4.0 / 3;
-  return std::min(times * momenta.first_order_shear, std::numeric_limits<double>::max());  // finite
+  // Where less is asked of slips that are not plain, no less is of those that are.
+  const double asked = is_told && momenta.first_order_waits
+                           ? std::max(momenta.first_order_shear, is_lncc ? kShearOfLncc : kShearOfNgf)
+                           : momenta.first_order_shear;
+  return std::min((is_free ? 2 : 4.0 / 3) * asked, std::numeric_limits<double>::max());  // finite
+}
+
+/// What it has at least in the end, where the slip is plain; core/measurements.md, "Only where it slides".
+double settled_plain_shear(int dimension, const RegistrationOptions& options) {
+  if (!tells_plain(dimension, options)) return 0;
+  return options.similarity == SimilarityType::Lncc ? 12 : kShearOfNgf;
 }
 
 /// With ssd in 3-D the same once order 0 has all scales. In 2-D a Gaussian of so many pixels follows noise, and smooth
@@ -384,9 +409,10 @@ RegistrationOptions resolved(const RegistrationOptions& options, const Lattice<D
   if (o.momenta.oriented_alone < 0) o.momenta.oriented_alone = 1;
   resolve_beside_first(Dim, o);
   if (o.momenta.plain_shear < 0) o.momenta.plain_shear = plain_shear(Dim, o);
+  if (o.momenta.settled_plain_shear < 0) o.momenta.settled_plain_shear = settled_plain_shear(Dim, o);
   if (o.momenta.finer_shear < 0) o.momenta.finer_shear = finer_shear(Dim, o);
   if (o.momenta.first_order_shear == 0)  // order 0 is not asked
-    o.momenta.plain_shear = o.momenta.finer_shear = o.momenta.narrower_pull = 0;
+    o.momenta.plain_shear = o.momenta.settled_plain_shear = o.momenta.finer_shear = o.momenta.narrower_pull = 0;
   return o;
 }
 

@@ -73,8 +73,10 @@ std::string measured_from(const std::string& name, const ReportInput<Dim>& input
   if (name == "first_order_shear")
     return "from the similarity, the dimension and the preset, for which it was measured";
   if (name == "plain_shear")
-    return "a multiple of first_order_shear where order 0 need not settle first: by the similarity, the dimension, the "
-           "preset and its weight beside first orders";
+    return "by first_order_shear, where order 0 need not settle first: from the similarity, the dimension, the preset "
+           "and its weight beside first orders";
+  if (name == "settled_plain_shear")
+    return "from the similarity, the dimension and the preset, for which it was measured";
   if (name == "first_round_tolerance" || name == "tolerance")
     return "from the fixed image's contrast and noise (full_contrast)";
   if (name == "round_tolerance")
@@ -102,12 +104,18 @@ std::string measured_from(const std::string& name, const ReportInput<Dim>& input
                : "from regularisation, by model, similarity, preset and dimension: what is sharp is left to "
                  "first orders";
   if (name == "regularisation_beside_plain")
-    return "from regularisation, by model, similarity, preset and dimension: where a slip was plain (plain_shear) it "
-           "is all that is sharp";
+    return "from regularisation, by model, similarity, preset and dimension: where a slip was plain (plain_shear, "
+           "settled_plain_shear) it is all that is sharp";
   if (name == "oriented_alone" || name == "oriented_width")
     return "from the similarity and the dimension, with ssd from the fixed image's contrast (full_contrast)";
   if (name == "sparsity") return where_sparsity_is_from(*input.options);
   return "from the levels";
+}
+
+/// What order 0 weighs from then on, where that is another weight than before.
+std::string beside(const RegistrationOptions::Momenta& momenta, const LevelSummary& level) {
+  const double weight = regularisation_beside(momenta, level);
+  return weight == momenta.regularisation ? "" : "; regularisation is " + number(weight) + " beside them";
 }
 
 }  // namespace
@@ -201,7 +209,7 @@ std::vector<Choice> choices(const ReportInput<Dim>& input) {
                                                    : "with order 0 settled") +
                          " the simple shear of its velocity was " + number(level.simple_shear) +
                          " (asked: " + number(least) + "): " +
-                         (is_in   ? "something slides"
+                         (is_in   ? "something slides" + beside(asked, level)
                           : shows ? "something slides, but none of them wanted to join"
                                   : "nothing slides so much that they are worth their time"),
                      false});

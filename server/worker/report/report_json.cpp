@@ -79,7 +79,7 @@ Json describe(const SlipSurface<Dim>& surface, const Analysis<Dim>& analysis, co
   return json;
 }
 
-Json describe(const LevelSummary& level) {
+Json describe(const LevelSummary& level, const RegistrationOptions::Momenta& momenta) {
   Json json = {{"level", level.level},
                {"grid", level.grid},
                {"spacing_mm", level.spacing_mm},
@@ -96,11 +96,14 @@ Json describe(const LevelSummary& level) {
                {"seconds", level.seconds},
                {"active_block_share", level.active_block_share},
                {"cpu_seconds", level.cpu_seconds}};
-  if (level.decision != FirstOrderDecision::None)
-    json["first_order_momenta"] = {{"let_in", level.decision == FirstOrderDecision::LetIn},
+  if (level.decision != FirstOrderDecision::None) {
+    const bool is_in = level.decision == FirstOrderDecision::LetIn;
+    json["first_order_momenta"] = {{"let_in", is_in},
                                    {"simple_shear", level.simple_shear},
                                    {"was_plain", level.was_plain},
                                    {"finer_order_0", level.has_finer}};
+    if (is_in) json["first_order_momenta"]["regularisation_beside"] = regularisation_beside(momenta, level);
+  }
   if (level.kept_out_share > 0) json["kept_out_block_share"] = level.kept_out_share;
   if (level.shear_before >= 0)
     json["narrow_widths"] = {{"share", level.narrow_share}, {"simple_shear_before", level.shear_before}};
@@ -202,7 +205,8 @@ std::string report_json(const ReportInput<Dim>& input, const Analysis<Dim>& anal
 
   json["momenta"] = json["levels"] = json["history"] = Json::array();
   for (const MomentumField<Dim>& field : result.momenta) json["momenta"].push_back(describe(field));
-  for (const LevelSummary& level : summary.levels) json["levels"].push_back(describe(level));
+  for (const LevelSummary& level : summary.levels)
+    json["levels"].push_back(describe(level, input.result->options.momenta));
   for (const IterationRecord& record : summary.history) json["history"].push_back(describe(record));
   // A title may hold any bytes; what is no UTF-8 must not cost the report.
   return json.dump(2, ' ', false, Json::error_handler_t::replace) + "\n";

@@ -176,6 +176,9 @@ TEST(AutoChoices, HoldsOrderZeroMoreBesideFirstOrders) {
     EXPECT_EQ(held(options, cube), (Held{2.5, 3.5}));
     options.momenta.regularisation_beside_first = 0;
     EXPECT_EQ(held(options, cube), (Held{expected.balanced_in_space.beside_first, 3.5}));
+    options.momenta.regularisation_beside_plain = 0;
+    options.momenta.first_order_shear = 0;  // nobody is asked whether it is plain
+    EXPECT_EQ(held(options, cube), expected.in_space);
     EXPECT_EQ(held(default_options(Model::Sliding, similarity, Preset::Balanced), cube), (Held{0, 0}));
   }
 }
@@ -198,17 +201,18 @@ TEST(AutoChoices, RefusesWhatIsBelowNothingButStandsForNoMeasure) {
   options.momenta.narrow_width_shear = -0.25;
   options.flow.divergence_weight = -0.75;
   options.momenta.plain_shear = -2;
+  options.momenta.settled_plain_shear = -3;
   options.momenta.finer_shear = -0.375;
   options.momenta.narrower_pull = -0.625;
   options.optimisation.round_tolerance = -0.125;
   options.optimisation.first_round_tolerance = -0.25;
-  EXPECT_THAT(
-      problems(options),
-      ::testing::UnorderedElementsAre(
-          ::testing::HasSubstr("oblique_share is -0.5"), ::testing::HasSubstr("narrow_width_shear is -0.25"),
-          ::testing::HasSubstr("divergence_weight is -0.75"), ::testing::HasSubstr("plain_shear is -2"),
-          ::testing::HasSubstr("finer_shear is -0.375"), ::testing::HasSubstr("narrower_pull is -0.625"),
-          ::testing::HasSubstr(" round_tolerance is -0.125"), ::testing::HasSubstr("first_round_tolerance is -0.25")));
+  EXPECT_THAT(problems(options),
+              ::testing::UnorderedElementsAre(
+                  ::testing::HasSubstr("oblique_share is -0.5"), ::testing::HasSubstr("narrow_width_shear is -0.25"),
+                  ::testing::HasSubstr("divergence_weight is -0.75"), ::testing::HasSubstr("r plain_shear is -2"),
+                  ::testing::HasSubstr("settled_plain_shear is -3"), ::testing::HasSubstr("finer_shear is -0.375"),
+                  ::testing::HasSubstr("narrower_pull is -0.625"), ::testing::HasSubstr(" round_tolerance is -0.125"),
+                  ::testing::HasSubstr("first_round_tolerance is -0.25")));
 }
 
 TEST(AutoChoices, HasOrientedMomentaOnlyWhereTheyAreCarried) {

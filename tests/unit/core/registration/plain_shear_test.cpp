@@ -156,6 +156,9 @@ TEST(PlainShear, LosesNothingInSpaceWithLncc) {
       if (sums == &settled) options.momenta.plain_shear = 0;
       const RegistrationResult<3> found = register_images<3>(pair_of(slip), options);
       EXPECT_EQ(asked(found.summary).was_plain, sums == &early);
+      EXPECT_DOUBLE_EQ(regularisation_beside(found.options.momenta, asked(found.summary)),
+                       10 * found.options.momenta.regularisation)
+          << "seen early or in the end";
       add<3>(found, slip, *sums);
     }
   }
@@ -164,37 +167,48 @@ TEST(PlainShear, LosesNothingInSpaceWithLncc) {
   EXPECT_LT(early.evaluations, 0.8 * settled.evaluations);
 }
 
+enum class Shown { Early, InTheEnd, Little };
+
 // On the level that was asked and on the finer ones, whose first orders were let in with it.
 TEST(PlainShear, SaysWhatOrderZeroWeighsBesideFirstOrders) {
   const RegistrationInput<2> input = pair_of(phantom<2>(PhantomKind::Slip, 30));
-  const auto found = [&](bool is_plain, double times_beside_first, double times_beside_plain) {
+  const auto found = [&](Shown shown, double times_beside_first, double times_beside_plain) {
     RegistrationOptions options = default_options(Model::Auto, SimilarityType::Lncc, Preset::Balanced);
     options.pyramid.levels = 2;
     options.momenta.first_order_scales = 2;
     options.momenta.first_order_shear = 1e-9;
-    options.momenta.plain_shear = is_plain ? 1e-9 : 1e9;
+    options.momenta.plain_shear = shown == Shown::Early ? 1e-9 : 1e9;
+    options.momenta.settled_plain_shear = shown == Shown::InTheEnd ? 1e-9 : shown == Shown::Little ? 1e9 : 0;
     options.momenta.regularisation_beside_first = times_beside_first * options.momenta.regularisation;
     options.momenta.regularisation_beside_plain = times_beside_plain * options.momenta.regularisation;
     const RegistrationResult<2> result = register_images<2>(input, options);
-    EXPECT_EQ(result.summary.levels.front().decision, FirstOrderDecision::LetIn);
-    EXPECT_EQ(result.summary.levels.front().was_plain, is_plain);
-    EXPECT_EQ(result.summary.levels.back().decision, FirstOrderDecision::None) << "it was decided before";
+    const LevelSummary &coarse = result.summary.levels.front(), &fine = result.summary.levels.back();
+    EXPECT_EQ(coarse.decision, FirstOrderDecision::LetIn);
+    EXPECT_EQ(coarse.was_plain, shown == Shown::Early);
+    EXPECT_EQ(fine.decision, FirstOrderDecision::None) << "it was decided before";
     return result.displacement.samples;
   };
-  for (bool is_plain : {false, true}) EXPECT_NE(found(is_plain, 2, 0), found(is_plain, 8, 0));
-  EXPECT_EQ(found(false, 2, 8), found(false, 2, 0));
-  EXPECT_EQ(found(true, 2, 8), found(true, 8, 0));
+  for (Shown shown : {Shown::Early, Shown::InTheEnd, Shown::Little}) {
+    SCOPED_TRACE(static_cast<int>(shown));
+    const auto held_less = found(shown, 2, 0), held_more = found(shown, 8, 0);
+    EXPECT_NE(held_less, held_more);
+    EXPECT_EQ(found(shown, 2, 8), shown == Shown::Little ? held_less : held_more);
+  }
 }
 
-// A body around which something slides bends the slip, which shows less, and not early.
-TEST(PlainShear, IsNotWhatASlipAroundASmallBodyNeeds) {
+Phantom<3> body_that_slides(double radius_mm) {
   PhantomOptions scene = default_phantom_options(PhantomKind::Slip, 3);
   scene.size = {64, 64, 64};
   scene.noise = 0.02;
   scene.interface = InterfaceShape::Circle;
-  scene.radius_mm = 14;
+  scene.radius_mm = radius_mm;
   scene.slip_mm = 4;
-  const Phantom<3> body = make_phantom<3>(scene);
+  return make_phantom<3>(scene);
+}
+
+// Where an interface bends, a slip shows less, and not early.
+TEST(PlainShear, IsNotAskedOfASlipAroundASmallBody) {
+  const Phantom<3> body = body_that_slides(14);
   for (SimilarityType similarity : {SimilarityType::Lncc, SimilarityType::Ngf}) {
     SCOPED_TRACE(to_string(similarity));
     RegistrationOptions options = default_options(Model::Auto, similarity, Preset::Balanced);
@@ -205,7 +219,10 @@ TEST(PlainShear, IsNotWhatASlipAroundASmallBodyNeeds) {
       const LevelSummary& level = asked(found.summary);
       EXPECT_EQ(level.decision, sums == &let_in ? FirstOrderDecision::LetIn : FirstOrderDecision::LeftOut);
       EXPECT_FALSE(level.was_plain);
+      EXPECT_GT(found.options.momenta.plain_shear, 0);
       EXPECT_LT(level.simple_shear, 9.5) << "what was asked before was too much";
+      EXPECT_DOUBLE_EQ(regularisation_beside(found.options.momenta, level),
+                       (similarity == SimilarityType::Lncc ? 3 : 1) * found.options.momenta.regularisation);
       add<3>(found, body, *sums);
     }
     EXPECT_LT(let_in.error_mm, 0.8 * left_out.error_mm);
@@ -298,20 +315,43 @@ TEST(PlainShear, IsWhatWasMeasured) {
     EXPECT_EQ(share(SimilarityType::Ssd, preset, plane), 2);
     EXPECT_EQ(share(SimilarityType::Ssd, preset, cube), 2);
     EXPECT_EQ(share(SimilarityType::Lncc, preset, plane), 0);
-    EXPECT_EQ(share(SimilarityType::Lncc, preset, cube), preset == Preset::Fast       ? 0
-                                                         : preset == Preset::Balanced ? 4
-                                                                                      : 2);
+    EXPECT_EQ(momenta(Model::Auto, SimilarityType::Lncc, preset, cube).plain_shear, preset == Preset::Fast ? 0 : 21.2);
     EXPECT_EQ(share(SimilarityType::Ncc, preset, plane), 0);
     EXPECT_EQ(share(SimilarityType::Ncc, preset, cube), 0);
     for (SimilarityType similarity : {SimilarityType::Mi, SimilarityType::Ngf, SimilarityType::Mind}) {
       EXPECT_DOUBLE_EQ(share(similarity, preset, plane), preset == Preset::Balanced ? 4.0 / 3 : 0);
-      EXPECT_DOUBLE_EQ(share(similarity, preset, cube), preset != Preset::Balanced          ? 0
-                                                        : similarity == SimilarityType::Ngf ? 7.0 / 3
-                                                                                            : 4.0 / 3);
+      const double asked = momenta(Model::Auto, similarity, preset, cube).plain_shear;
+      EXPECT_DOUBLE_EQ(3.0 / 4 * asked, preset != Preset::Balanced ? 0 : similarity == SimilarityType::Mi ? 5.5 : 9.5);
       EXPECT_EQ(momenta(Model::Sliding, similarity, preset, plane).plain_shear, 0);
     }
     EXPECT_EQ(momenta(Model::Sliding, SimilarityType::Ssd, preset, plane).plain_shear, 0);
   }
+  for (SimilarityType similarity : all_similarities())
+    for (Preset preset : all_presets()) {
+      const auto settled = momenta(Model::Auto, similarity, preset, cube).settled_plain_shear;
+      EXPECT_EQ(settled, preset != Preset::Balanced           ? 0
+                         : similarity == SimilarityType::Lncc ? 12
+                         : similarity == SimilarityType::Ngf  ? 9.5
+                                                              : 0);
+      EXPECT_EQ(momenta(Model::Auto, similarity, preset, plane).settled_plain_shear, 0);
+      EXPECT_EQ(momenta(Model::Sliding, similarity, preset, cube).settled_plain_shear, 0);
+    }
+  // One weight for all slips: what was asked before these were told apart.
+  RegistrationOptions stiff = default_options(Model::Auto, SimilarityType::Lncc, Preset::Balanced);
+  stiff.momenta.regularisation_beside_first = 12 * stiff.momenta.regularisation;
+  const RegistrationOptions::Momenta of_all = resolved(stiff, cube).momenta;
+  EXPECT_EQ(of_all.first_order_shear, 10.6);
+  EXPECT_EQ(of_all.plain_shear, 21.2);
+  EXPECT_EQ(of_all.settled_plain_shear, 0);
+  RegistrationOptions sliding = default_options(Model::Sliding, SimilarityType::Lncc, Preset::Balanced);
+  sliding.momenta.first_order_shear = sliding.momenta.settled_plain_shear = -1;
+  EXPECT_EQ(resolved(sliding, cube).momenta.first_order_shear, 10.6);
+  EXPECT_EQ(resolved(sliding, cube).momenta.settled_plain_shear, 0);
+  RegistrationOptions less = default_options(Model::Auto, SimilarityType::Lncc, Preset::Balanced);
+  less.momenta.first_order_shear = 2;  // a plain slip stays what it is
+  EXPECT_EQ(resolved(less, cube).momenta.plain_shear, 21.2);
+  less.momenta.first_order_shear = 20;
+  EXPECT_EQ(resolved(less, cube).momenta.plain_shear, 40);
   RegistrationOptions alike = default_options(Model::Auto, SimilarityType::Lncc, Preset::Balanced);
   alike.momenta.regularisation_beside_first = alike.momenta.regularisation;  // order 0 goes on as it was
   EXPECT_EQ(resolved(alike, cube).momenta.plain_shear, 0);

@@ -133,8 +133,10 @@ TEST(Choices, TellWhatIsAskedOfTheShearOfOrderZero) {
   EXPECT_EQ(said_of("first_order_shear", Model::Auto, SimilarityType::Ngf, {}, Preset::Balanced),
             Lines{"5.5" + measured});
   EXPECT_EQ(said_of("plain_shear", Model::Auto, SimilarityType::Ssd),
-            Lines{"9.8 (a multiple of first_order_shear where order 0 need not settle first: by the similarity, the "
-                  "dimension, the preset and its weight beside first orders)"});
+            Lines{"9.8 (by first_order_shear, where order 0 need not settle first: from the similarity, the dimension, "
+                  "the preset and its weight beside first orders)"});
+  EXPECT_EQ(said_of("settled_plain_shear", Model::Auto, SimilarityType::Lncc, {}, Preset::Balanced),
+            Lines{"12" + measured});
 }
 
 TEST(Choices, TellOfWhichRangeTheNoiseIsUnlessTheJobGaveIt) {
@@ -176,6 +178,15 @@ TEST(Choices, TellWhetherFirstOrderMomentaWereLetInAndWhy) {
   level.simple_shear = 12.5;
   level.decision = FirstOrderDecision::LetIn;
   EXPECT_THAT(line(), is("let in", "12.5", "something slides"));
+  EXPECT_THAT(line(), Not(Contains(Field(&Choice::why, HasSubstr("beside them")))));
+  RegistrationOptions::Momenta& momenta = scene.result.options.momenta;
+  momenta.regularisation_beside_first = 0.125;
+  EXPECT_THAT(line(), is("let in", "12.5", "something slides; regularisation is 0.125 beside them"));
+  momenta.regularisation_beside_plain = 0.25;
+  momenta.settled_plain_shear = 12.5;
+  EXPECT_THAT(line(), is("let in", "12.5", "something slides; regularisation is 0.25 beside them"));
+  momenta.settled_plain_shear = 12.75;
+  EXPECT_THAT(line(), is("let in", "12.5", "something slides; regularisation is 0.125 beside them"));
   level.decision = FirstOrderDecision::LeftOut;
   EXPECT_THAT(line(), is("left out", "12.5", "something slides, but none"));
   level.simple_shear = 2.5;
@@ -186,7 +197,8 @@ TEST(Choices, TellWhetherFirstOrderMomentaWereLetInAndWhy) {
   scene.result.options.momenta.plain_shear = 9.5;
   EXPECT_THAT(line(), Contains(AllOf(named, Field(&Choice::why, HasSubstr("before order 0 had settled the simple shear "
                                                                           "of its velocity was 12.5 (asked: 9.5): "
-                                                                          "something slides")))));
+                                                                          "something slides; regularisation is "
+                                                                          "0.25 beside them")))));
   level.was_plain = false;
   level.has_finer = true;
   scene.result.options.momenta.finer_shear = 14.5;
@@ -306,8 +318,8 @@ TEST(Choices, TellHowMuchOrderZeroIsHeldBesideFirstOrders) {
   const std::string from =
       " (from regularisation, by model, similarity, preset and dimension: what is sharp is left to first orders)";
   const std::string of_plain =
-      " (from regularisation, by model, similarity, preset and dimension: where a slip was plain (plain_shear) it is "
-      "all that is sharp)";
+      " (from regularisation, by model, similarity, preset and dimension: where a slip was plain (plain_shear, "
+      "settled_plain_shear) it is all that is sharp)";
   const auto held = [](SimilarityType similarity, Preset preset) {
     Lines lines = said_of("regularisation_beside_first", Model::Auto, similarity, {}, preset);
     for (const std::string& line : said_of("regularisation_beside_plain", Model::Auto, similarity, {}, preset))

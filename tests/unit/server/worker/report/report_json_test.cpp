@@ -52,12 +52,15 @@ TEST(ReportJson, TellsWhatALevelDecidedOnFirstOrderMomenta) {
   EXPECT_FALSE(json::parse(json_of(scene.report))["levels"][0].contains("first_order_momenta"));
   LevelSummary& level = scene.result.summary.levels[0];
   level.simple_shear = 1.75;
+  scene.result.options.momenta.regularisation_beside_first = 0.125;
+  scene.result.options.momenta.regularisation_beside_plain = 0.25;
   for (bool is_in : {true, false}) {
     level.was_plain = is_in;
     level.has_finer = !is_in;
     level.decision = is_in ? FirstOrderDecision::LetIn : FirstOrderDecision::LeftOut;
-    EXPECT_EQ(json::parse(json_of(scene.report))["levels"][0]["first_order_momenta"],
-              json({{"let_in", is_in}, {"simple_shear", 1.75}, {"was_plain", is_in}, {"finer_order_0", !is_in}}));
+    json expected = {{"let_in", is_in}, {"simple_shear", 1.75}, {"was_plain", is_in}, {"finer_order_0", !is_in}};
+    if (is_in) expected["regularisation_beside"] = 0.25;
+    EXPECT_EQ(json::parse(json_of(scene.report))["levels"][0]["first_order_momenta"], expected);
   }
 }
 
