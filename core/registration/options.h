@@ -69,8 +69,9 @@ struct RegistrationOptions {
     /// Of each scale of order 0 as a share of that of the next finer one; the finest one's is `regularisation`.
     double coarser_regularisation = 1;
     /// That, once first orders take part; 0: no other, but for auto where the preset is not fast ten times as much with
-    /// lncc, three times with mi and ngf and in 2-D twice with mind, but in 3-D with balanced three times with lncc and
-    /// once with ngf (core/measurements.md, "Regularisation").
+    /// lncc, three times with mi and ngf and in 2-D twice with mind, but in 3-D with balanced, where first orders are
+    /// asked for, three times with lncc and once with ngf (core/measurements.md, "Regularisation"). Given alone it is
+    /// that of plain slips as well, and with lncc and ngf in 3-D more shear is asked of all.
     double regularisation_beside_first = 0;
     /// That instead, where it was a plain slip that let them in: early (plain_shear) or in the end
     /// (settled_plain_shear). 0: no other, but for auto in 3-D with balanced ten times that of order 0 alone with lncc

@@ -280,7 +280,8 @@ const std::vector<Parameter>& parameters() {
           "regularisation_beside_first", "per mm^2", 0, Lower::Inclusive, inf,
           "weight of the order-0 part once first orders take part; 0: that of regularisation, or what full_contrast "
           "says, and for auto, but fast, ten times that with lncc, three times with mi and ngf, in 2-D twice with "
-          "mind, but in 3-D with balanced three times with lncc and once with ngf",
+          "mind, but in 3-D with balanced three times with lncc and once with ngf where first_order_shear asks. Given "
+          "alone it is that of plain slips as well, and with lncc and ngf more is asked of all",
           [](O & o) -> auto& { return o.momenta.regularisation_beside_first; }),
       real(
           "regularisation_beside_plain", "per mm^2", 0, Lower::Inclusive, inf,
@@ -340,7 +341,8 @@ const std::vector<Parameter>& parameters() {
       real(
           "first_order_shear", "", -1, Lower::Inclusive, inf,
           "order 1 takes part only where the velocity of order 0, settled alone, is simple shear to so much (smooth "
-          "motion mostly has 1 to 5); 0: always, -1 (and nothing else below 0): by similarity, dimension and preset",
+          "motion mostly has 1 to 5); 0: always, -1 (and nothing else below 0): by similarity, dimension and preset, "
+          "and whether regularisation_beside_first alone is given",
           [](O & o) -> auto& { return o.momenta.first_order_shear; }),
       real(
           "plain_shear", "", -1, Lower::Inclusive, inf,
@@ -352,9 +354,8 @@ const std::vector<Parameter>& parameters() {
       real(
           "settled_plain_shear", "", -1, Lower::Inclusive, inf,
           "a slip is plain as well, for regularisation_beside_plain, where order 0 that has settled shows so much "
-          "simple "
-          "shear; 0: none is, -1 (and nothing else below 0): for auto with balanced in 3-D 12 with lncc and 9.5 with "
-          "ngf, otherwise 0",
+          "simple shear; 0: none is, -1 (and nothing else below 0): for auto with balanced in 3-D 12 with lncc and 9.5 "
+          "with ngf unless regularisation_beside_first alone is given, otherwise 0",
           [](O & o) -> auto& { return o.momenta.settled_plain_shear; }),
       real(
           "finer_shear", "", -1, Lower::Inclusive, inf,

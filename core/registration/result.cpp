@@ -22,10 +22,13 @@ std::string to_string(Termination termination) {
   return "unknown";
 }
 
+bool is_plain(const RegistrationOptions::Momenta& momenta, const LevelSummary& level) {
+  const double settled = momenta.settled_plain_shear;
+  return level.was_plain || (settled > 0 && level.simple_shear >= settled);
+}
+
 double regularisation_beside(const RegistrationOptions::Momenta& momenta, const LevelSummary& level) {
-  const double plain = momenta.settled_plain_shear;
-  const bool is_plain = level.was_plain || (plain > 0 && level.simple_shear >= plain);
-  if (is_plain && momenta.regularisation_beside_plain > 0) return momenta.regularisation_beside_plain;
+  if (is_plain(momenta, level) && momenta.regularisation_beside_plain > 0) return momenta.regularisation_beside_plain;
   return momenta.regularisation_beside_first > 0 ? momenta.regularisation_beside_first : momenta.regularisation;
 }
 

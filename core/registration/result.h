@@ -77,8 +77,10 @@ struct LevelSummary {
   double cpu_seconds = 0;
 };
 
-/// What order 0 weighs, per mm^2, beside first orders that were let in on this level: more where a plain slip did that,
-/// which was seen before order 0 had settled or in the end (momenta.settled_plain_shear).
+/// Whether what was seen on this level is a plain slip: before order 0 had settled, or in the end
+/// (momenta.settled_plain_shear).
+bool is_plain(const RegistrationOptions::Momenta& momenta, const LevelSummary& level);
+/// What order 0 weighs, per mm^2, beside first orders that were let in on this level.
 double regularisation_beside(const RegistrationOptions::Momenta& momenta, const LevelSummary& level);
 
 struct RegistrationSummary {

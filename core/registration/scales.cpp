@@ -131,15 +131,13 @@ bool is_slow_to_settle(const RegistrationOptions& options) {
 double plain_shear(int dimension, const RegistrationOptions& options) {
   const RegistrationOptions::Momenta& momenta = options.momenta;
   const bool is_lncc = options.similarity == SimilarityType::Lncc, is_told = tells_plain(dimension, options);
-  const bool is_stiffer =
-      dimension == 3 && is_lncc &&
-      (is_told || momenta.regularisation_beside_first >= (1 - 1e-9) * kStifferWithLncc * momenta.regularisation);
+  const double beside = is_told ? momenta.regularisation_beside_plain : momenta.regularisation_beside_first;
+  const bool is_stiffer = dimension == 3 && is_lncc && beside >= (1 - 1e-9) * kStifferWithLncc * momenta.regularisation;
   const bool is_free = !momenta.first_order_waits || is_stiffer;
   if (!is_free && !is_slow_to_settle(options)) return 0;
   // Where less is asked of slips that are not plain, no less is of those that are.
-  const double asked = is_told && momenta.first_order_waits
-                           ? std::max(momenta.first_order_shear, is_lncc ? kShearOfLncc : kShearOfNgf)
-                           : momenta.first_order_shear;
+  const double asked =
+      is_told ? std::max(momenta.first_order_shear, is_lncc ? kShearOfLncc : kShearOfNgf) : momenta.first_order_shear;
   return std::min((is_free ? 2 : 4.0 / 3) * asked, std::numeric_limits<double>::max());  // finite
 }
 

@@ -70,13 +70,15 @@ std::string measured_from(const std::string& name, const ReportInput<Dim>& input
            "similarity, the dimension, the preset and the size of the voxels";
   if (name == "regularisation" || name == "oblique_share" || name == "oriented_sparsity" || name == "divergence_weight")
     return "from the similarity and the dimension, for which it was measured";
-  if (name == "first_order_shear")
-    return "from the similarity, the dimension and the preset, for which it was measured";
+  if (name == "first_order_shear" || name == "settled_plain_shear") {
+    const RegistrationOptions::Momenta& asked = input.options->momenta;
+    const bool is_one_weight = asked.regularisation_beside_first > 0 && asked.regularisation_beside_plain == 0;
+    return std::string("from the similarity, the dimension and the preset, for which it was measured") +
+           (is_one_weight ? ", with one weight beside all slips (regularisation_beside_first)" : "");
+  }
   if (name == "plain_shear")
     return "by first_order_shear, where order 0 need not settle first: from the similarity, the dimension, the preset "
            "and its weight beside first orders";
-  if (name == "settled_plain_shear")
-    return "from the similarity, the dimension and the preset, for which it was measured";
   if (name == "first_round_tolerance" || name == "tolerance")
     return "from the fixed image's contrast and noise (full_contrast)";
   if (name == "round_tolerance")
@@ -112,10 +114,15 @@ std::string measured_from(const std::string& name, const ReportInput<Dim>& input
   return "from the levels";
 }
 
-/// What order 0 weighs from then on, where that is another weight than before.
+/// What order 0 weighs from then on, where that is another weight than before or depends on how plain the slip was.
 std::string beside(const RegistrationOptions::Momenta& momenta, const LevelSummary& level) {
   const double weight = regularisation_beside(momenta, level);
-  return weight == momenta.regularisation ? "" : "; regularisation is " + number(weight) + " beside them";
+  const bool is_told = momenta.regularisation_beside_plain > 0;
+  if (weight == momenta.regularisation && !is_told) return "";
+  const std::string plain = !is_told                   ? ""
+                            : is_plain(momenta, level) ? " (the slip is plain)"
+                                                       : " (the slip is not plain)";
+  return "; regularisation is " + number(weight) + " beside them" + plain;
 }
 
 }  // namespace

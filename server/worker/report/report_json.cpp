@@ -102,7 +102,10 @@ Json describe(const LevelSummary& level, const RegistrationOptions::Momenta& mom
                                    {"simple_shear", level.simple_shear},
                                    {"was_plain", level.was_plain},
                                    {"finer_order_0", level.has_finer}};
-    if (is_in) json["first_order_momenta"]["regularisation_beside"] = regularisation_beside(momenta, level);
+    if (is_in) {
+      json["first_order_momenta"]["is_plain"] = is_plain(momenta, level);
+      json["first_order_momenta"]["regularisation_beside"] = regularisation_beside(momenta, level);
+    }
   }
   if (level.kept_out_share > 0) json["kept_out_block_share"] = level.kept_out_share;
   if (level.shear_before >= 0)

@@ -142,7 +142,9 @@ Held held(const RegistrationOptions& options, const Lattice<Dim>& image) {
   const auto again = resolved(resolved(options, image), image).momenta;
   EXPECT_EQ(again.regularisation_beside_first, momenta.regularisation_beside_first);
   EXPECT_EQ(again.regularisation_beside_plain, momenta.regularisation_beside_plain);
+  EXPECT_EQ(again.first_order_shear, momenta.first_order_shear);
   EXPECT_EQ(again.plain_shear, momenta.plain_shear);
+  EXPECT_EQ(again.settled_plain_shear, momenta.settled_plain_shear);
   const auto times = [&](double weight) { return std::round(1e6 * weight / momenta.regularisation) / 1e6; };
   return {times(momenta.regularisation_beside_first), times(momenta.regularisation_beside_plain)};
 }

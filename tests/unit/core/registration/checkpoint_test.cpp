@@ -232,6 +232,9 @@ TEST(Checkpoint, ResumesWhereASlipIsLookedForEarlyWithTheSameEnd) {
         ASSERT_GT(asked_of(whole, similarity).simple_shear, early * (1 + 1e-6));
       }
       resumes_anywhere<2>(plane(), options);
+      options.momenta.settled_plain_shear = 1e-9;
+      resumes_anywhere<2>(plane(), options);
+      options.momenta.settled_plain_shear = 0;
     }
   }
 }

@@ -207,7 +207,7 @@ Phantom<3> body_that_slides(double radius_mm) {
 }
 
 // Where an interface bends, a slip shows less, and not early.
-TEST(PlainShear, IsNotAskedOfASlipAroundASmallBody) {
+TEST(PlainShear, IsNotShownByASlipAroundASmallBody) {
   const Phantom<3> body = body_that_slides(14);
   for (SimilarityType similarity : {SimilarityType::Lncc, SimilarityType::Ngf}) {
     SCOPED_TRACE(to_string(similarity));
@@ -355,9 +355,16 @@ TEST(PlainShear, IsWhatWasMeasured) {
   RegistrationOptions alike = default_options(Model::Auto, SimilarityType::Lncc, Preset::Balanced);
   alike.momenta.regularisation_beside_first = alike.momenta.regularisation;  // order 0 goes on as it was
   EXPECT_EQ(resolved(alike, cube).momenta.plain_shear, 0);
+  alike.momenta.regularisation_beside_first = 0;
+  alike.momenta.regularisation_beside_plain = alike.momenta.regularisation;
+  EXPECT_EQ(resolved(alike, cube).momenta.plain_shear, 0);
+  EXPECT_EQ(resolved(alike, cube).momenta.settled_plain_shear, 12);
   RegistrationOptions beside = default_options(Model::Auto, SimilarityType::Mi, Preset::Balanced);
   beside.momenta.first_order_waits = false;  // nobody has to wait, so nothing is given up
   EXPECT_EQ(resolved(beside, plane).momenta.plain_shear, 2 * resolved(beside, plane).momenta.first_order_shear);
+  beside = default_options(Model::Auto, SimilarityType::Ngf, Preset::Balanced);
+  beside.momenta.first_order_waits = false;
+  EXPECT_EQ(resolved(beside, cube).momenta.plain_shear, 2 * 9.5);
   RegistrationOptions given = default_options(Model::Auto, SimilarityType::Ssd, Preset::Balanced);
   given.momenta.first_order_shear = std::numeric_limits<double>::max();
   EXPECT_TRUE(problems(resolved(given, plane)).empty());

@@ -137,6 +137,12 @@ TEST(Choices, TellWhatIsAskedOfTheShearOfOrderZero) {
                   "the preset and its weight beside first orders)"});
   EXPECT_EQ(said_of("settled_plain_shear", Model::Auto, SimilarityType::Lncc, {}, Preset::Balanced),
             Lines{"12" + measured});
+  const std::string of_all =
+      " (from the similarity, the dimension and the preset, for which it was measured, with one "
+      "weight beside all slips (regularisation_beside_first))";
+  EXPECT_EQ(said_of("first_order_shear", Model::Auto, SimilarityType::Lncc, {{"regularisation_beside_first", "0.0003"}},
+                    Preset::Balanced),
+            Lines{"10.6" + of_all});
 }
 
 TEST(Choices, TellOfWhichRangeTheNoiseIsUnlessTheJobGaveIt) {
@@ -184,9 +190,10 @@ TEST(Choices, TellWhetherFirstOrderMomentaWereLetInAndWhy) {
   EXPECT_THAT(line(), is("let in", "12.5", "something slides; regularisation is 0.125 beside them"));
   momenta.regularisation_beside_plain = 0.25;
   momenta.settled_plain_shear = 12.5;
-  EXPECT_THAT(line(), is("let in", "12.5", "something slides; regularisation is 0.25 beside them"));
+  EXPECT_THAT(line(), is("let in", "12.5", "something slides; regularisation is 0.25 beside them (the slip is plain)"));
   momenta.settled_plain_shear = 12.75;
-  EXPECT_THAT(line(), is("let in", "12.5", "something slides; regularisation is 0.125 beside them"));
+  EXPECT_THAT(line(),
+              is("let in", "12.5", "something slides; regularisation is 0.125 beside them (the slip is not plain)"));
   level.decision = FirstOrderDecision::LeftOut;
   EXPECT_THAT(line(), is("left out", "12.5", "something slides, but none"));
   level.simple_shear = 2.5;
@@ -198,7 +205,7 @@ TEST(Choices, TellWhetherFirstOrderMomentaWereLetInAndWhy) {
   EXPECT_THAT(line(), Contains(AllOf(named, Field(&Choice::why, HasSubstr("before order 0 had settled the simple shear "
                                                                           "of its velocity was 12.5 (asked: 9.5): "
                                                                           "something slides; regularisation is "
-                                                                          "0.25 beside them")))));
+                                                                          "0.25 beside them (the slip is plain)")))));
   level.was_plain = false;
   level.has_finer = true;
   scene.result.options.momenta.finer_shear = 14.5;
