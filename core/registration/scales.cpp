@@ -4,12 +4,11 @@
 #include "core/momenta/directional_momentum.h"
 #include "core/momenta/spread_normals.h"
 #include "core/registration/narrower_scale.h"
+#include "core/registration/slip_criteria.h"
 #include "core/similarity/similarity.h"
 #include "core/support/errors.h"
 
 #include <algorithm>
-#include <array>
-#include <charconv>
 #include <cmath>
 #include <limits>
 
@@ -38,121 +37,6 @@ double in_few_digits(double value) {
 
 /// Voxels that 3-D images are taken at every second of.
 bool is_fine(double reference_mm) { return 2 * reference_mm <= 3; }
-
-/// Where slips that are plain and others are told apart: first orders are let in by either, and order 0 is held more
-/// beside those of the former (stiffer). As measured; core/measurements.md, "Only where it slides". Not where one
-/// weight is given for both.
-bool tells_plain(int dimension, const RegistrationOptions& options) {
-  const RegistrationOptions::Momenta& momenta = options.momenta;
-  const bool is_given = momenta.regularisation_beside_first > 0 && momenta.regularisation_beside_plain == 0;
-  return options.model == Model::Auto && dimension == 3 && options.preset == Preset::Balanced && !is_given &&
-         (options.similarity == SimilarityType::Lncc || options.similarity == SimilarityType::Ngf);
-}
-
-/// In 3-D: what is asked where they are not told apart, and order 0 is held as beside plain ones.
-constexpr double kShearOfLncc = 10.6, kShearOfNgf = 9.5;
-
-/// What the velocity of order 0 has at least where something slides, see simple_shear; core/measurements.md, "Only
-/// where it slides". In 3-D images first orders that hold order 0 back cost much with lncc and, with accurate, with ngf
-/// and mind, and bring little where much else than shear is seen; order 0 that has not settled (fast) shows less.
-double least_shear(int dimension, const RegistrationOptions& options) {
-  if (dimension == 2) return 6;
-  if (tells_plain(dimension, options)) return 5.5;
-  switch (options.similarity) {
-    case SimilarityType::Lncc:
-      return kShearOfLncc;
-    case SimilarityType::Ngf:
-    case SimilarityType::Mind:
-      return options.preset == Preset::Fast ? 5.5 : kShearOfNgf;
-    case SimilarityType::Ssd:
-      return 4.9;
-    case SimilarityType::Ncc:
-    case SimilarityType::Mi:
-      return 5.5;
-  }
-  return 5.5;
-}
-
-constexpr double kStifferWithLncc = 10;
-/// How many times as much order 0 counts beside first orders that were let in: what is sharp is theirs, and order 0
-/// draws it out no more. Where a slip is not plain there is more than that to be drawn (core/measurements.md,
-/// "Regularisation").
-struct Stiffer {
-  double beside_first, beside_plain;
-};
-Stiffer stiffer(int dimension, const RegistrationOptions& options) {
-  const bool is_told = tells_plain(dimension, options);
-  switch (options.similarity) {
-    case SimilarityType::Lncc:
-      return {is_told ? 3 : kStifferWithLncc, kStifferWithLncc};
-    case SimilarityType::Ngf:
-      return {is_told ? 1.0 : 3.0, 3};
-    case SimilarityType::Mi:
-      return {3, 3};
-    case SimilarityType::Mind:
-      return dimension == 2 ? Stiffer{2, 2} : Stiffer{1, 1};
-    case SimilarityType::Ssd:
-    case SimilarityType::Ncc:
-      return {1, 1};
-  }
-  return {1, 1};
-}
-
-/// Without what a product adds to the last digit: 3e-4 for three times 1e-4.
-double in_15_digits(double value) {
-  std::array<char, 32> text;
-  const auto end = std::to_chars(text.data(), text.data() + text.size(), value, std::chars_format::scientific, 14).ptr;
-  std::from_chars(text.data(), end, value);
-  return value;
-}
-
-/// Where it is not given. Of what is let in unasked nobody knows whether it is plain; as a rule it is.
-void resolve_beside_first(int dimension, RegistrationOptions& o) {
-  if (o.model != Model::Auto || o.preset == Preset::Fast || o.momenta.regularisation_beside_first != 0) return;
-  const Stiffer times = stiffer(dimension, o);
-  const bool is_asked = o.momenta.first_order_shear > 0;
-  const double beside_first = is_asked ? times.beside_first : times.beside_plain;
-  if (beside_first > 1) o.momenta.regularisation_beside_first = in_15_digits(beside_first * o.momenta.regularisation);
-  if (is_asked && times.beside_plain > times.beside_first && o.momenta.regularisation_beside_plain == 0)
-    o.momenta.regularisation_beside_plain = in_15_digits(times.beside_plain * o.momenta.regularisation);
-}
-
-/// Where what order 0 takes to settle is half of the iterations of a level with first orders.
-bool is_slow_to_settle(const RegistrationOptions& options) {
-  const SimilarityType similarity = options.similarity;
-  return options.model == Model::Auto && options.preset == Preset::Balanced &&
-         (similarity == SimilarityType::Mi || similarity == SimilarityType::Ngf || similarity == SimilarityType::Mind);
-}
-
-/// What it has at least, early on a level, where order 0 need not settle first: where first orders do not wait for it
-/// (ssd), with lncc in 3-D where it goes on beside them with a larger weight, and where it is slow to settle, as
-/// measured. Breathing has up to 1.7 times as much early as at the end; core/measurements.md, "Only where it slides"
-/// and "mi, ngf and mind".
-double plain_shear(int dimension, const RegistrationOptions& options) {
-  const RegistrationOptions::Momenta& momenta = options.momenta;
-  const bool is_lncc = options.similarity == SimilarityType::Lncc, is_told = tells_plain(dimension, options);
-  const double beside = is_told ? momenta.regularisation_beside_plain : momenta.regularisation_beside_first;
-  const bool is_stiffer = dimension == 3 && is_lncc && beside >= (1 - 1e-9) * kStifferWithLncc * momenta.regularisation;
-  const bool is_free = !momenta.first_order_waits || is_stiffer;
-  if (!is_free && !is_slow_to_settle(options)) return 0;
-  // Where less is asked of slips that are not plain, no less is of those that are.
-  const double asked =
-      is_told ? std::max(momenta.first_order_shear, is_lncc ? kShearOfLncc : kShearOfNgf) : momenta.first_order_shear;
-  return std::min((is_free ? 2 : 4.0 / 3) * asked, std::numeric_limits<double>::max());  // finite
-}
-
-/// What it has at least in the end, where the slip is plain; core/measurements.md, "Only where it slides".
-double settled_plain_shear(int dimension, const RegistrationOptions& options) {
-  if (!tells_plain(dimension, options)) return 0;
-  return options.similarity == SimilarityType::Lncc ? 12 : kShearOfNgf;
-}
-
-/// With ssd in 3-D the same once order 0 has all scales. In 2-D a Gaussian of so many pixels follows noise, and smooth
-/// motion loses half; core/measurements.md, "Only where it slides".
-double finer_shear(int dimension, const RegistrationOptions& options) {
-  const bool is_measured = dimension == 3 && options.similarity == SimilarityType::Ssd;
-  return is_measured && !options.momenta.first_order_waits ? options.momenta.first_order_shear : 0;
-}
 
 /// What a velocity has at least where order 0 needs narrow widths, see simple_shear; measured, core/measurements.md,
 /// "Widths". In 3-D 4.5 is that of chance which keeps volumes.
@@ -294,10 +178,6 @@ void resolve_measured(int dimension, RegistrationOptions& o) {
                              ? sparsity_share(dimension, o.similarity, o.preset) *
                                    default_options(Model::Sliding, o.similarity, o.preset).momenta.sparsity
                              : usual.momenta.sparsity;
-  if (o.momenta.first_order_shear < 0) {  // without sparsity they cannot be left out
-    const bool may_be_left_out = o.momenta.first_order_scales > 0 && o.momenta.sparsity > 0;
-    o.momenta.first_order_shear = may_be_left_out ? least_shear(dimension, o) : 0;
-  }
   if (o.momenta.narrow_width_shear < 0) {
     const bool is_measured = o.momenta.kernel_widths.empty() && o.momenta.width_voxels == 0;
     o.momenta.narrow_width_shear = is_measured ? sharp_shear(dimension, o.similarity) : 0;
@@ -405,12 +285,7 @@ RegistrationOptions resolved(const RegistrationOptions& options, const Lattice<D
   follow_contrast(traits.contrast, noise, o);
   if (o.momenta.oriented_width == 0) o.momenta.oriented_width = 1;
   if (o.momenta.oriented_alone < 0) o.momenta.oriented_alone = 1;
-  resolve_beside_first(Dim, o);
-  if (o.momenta.plain_shear < 0) o.momenta.plain_shear = plain_shear(Dim, o);
-  if (o.momenta.settled_plain_shear < 0) o.momenta.settled_plain_shear = settled_plain_shear(Dim, o);
-  if (o.momenta.finer_shear < 0) o.momenta.finer_shear = finer_shear(Dim, o);
-  if (o.momenta.first_order_shear == 0)  // order 0 is not asked
-    o.momenta.plain_shear = o.momenta.settled_plain_shear = o.momenta.finer_shear = o.momenta.narrower_pull = 0;
+  resolve_slip_criteria(Dim, o);
   return o;
 }
 
