@@ -10,6 +10,8 @@ namespace {
 constexpr double kFloor = 0.15;          // of an empty neighbourhood: its weight becomes 1 / 0.15 times its own
 constexpr double kShareOfLargest = 0.1;  // neighbourhoods above this share of the largest are shrunk less than before
 
+constexpr double kOfStrongest = 8;  // counts what a velocity's strongest change counts, as measured
+
 template <int Dim, class T>
 std::vector<float> sizes(const Lattice<Dim>& lattice, const T* field) {
   std::vector<float> size(lattice.sites());
@@ -65,6 +67,16 @@ std::vector<std::vector<float>> reweighted_factors(const Lattice<Dim>& lattice, 
   return sizes;
 }
 
+template <class T>
+std::vector<float> shear_factors(const std::vector<T>& shares) {
+  std::vector<float> factors(shares.size());
+  std::transform(shares.begin(), shares.end(), factors.begin(), [](T share) {
+    const double square = static_cast<double>(share) * share;
+    return static_cast<float>(1 / (kFloor + kOfStrongest * square * square));
+  });
+  return factors;
+}
+
 std::vector<std::vector<float>> support_factors(std::vector<std::vector<float>> sizes) {
   for (std::vector<float>& size : sizes)
     for (float& factor : size) factor = factor > 0 ? 0 : std::numeric_limits<float>::infinity();
@@ -80,6 +92,8 @@ std::vector<std::vector<float>> momentum_sizes(const Lattice<Dim>& lattice, cons
 
 template std::vector<std::vector<float>> reweighted_factors(const Lattice<2>&, std::vector<std::vector<float>>);
 template std::vector<std::vector<float>> reweighted_factors(const Lattice<3>&, std::vector<std::vector<float>>);
+template std::vector<float> shear_factors(const std::vector<float>&);
+template std::vector<float> shear_factors(const std::vector<double>&);
 #define SALTUS_INSTANTIATE(DIM, T) \
   template std::vector<std::vector<float>> momentum_sizes(const Lattice<DIM>&, const T*, int)
 SALTUS_INSTANTIATE(2, float);

@@ -86,16 +86,18 @@ typename InterfaceNormals<Dim, T>::Normals InterfaceNormals<Dim, T>::on(const La
       strength[site] = static_cast<T>(std::sqrt(std::max(0.0, solver.eigenvalues()[Dim - 1])));
       for (int a = 0; a < Dim; ++a) normals[Dim * site + a] = static_cast<T>(solver.eigenvectors()(a, Dim - 1));
     });
-  const T least = static_cast<T>(kLeastShare) * *std::max_element(strength.begin(), strength.end());
+  const T most = *std::max_element(strength.begin(), strength.end()), least = static_cast<T>(kLeastShare) * most;
   std::size_t strong = 0, oblique = 0;
   for (std::size_t site = 0; site < strength.size(); ++site) {
     T* n = normals.data() + Dim * site;
     const bool is_strong = strength[site] > least;
     strong += is_strong;
     oblique += is_strong && !is_along_axis<Dim>(n);
+    strength[site] = is_strong ? strength[site] / most : T(0);
     if (!is_strong) std::fill(n, n + Dim, T(0));
   }
-  return {std::move(normals), strong > 0 ? static_cast<double>(oblique) / static_cast<double>(strong) : 0.0};
+  return {std::move(normals), std::move(strength),
+          strong > 0 ? static_cast<double>(oblique) / static_cast<double>(strong) : 0.0};
 }
 
 template <int Dim, class T>

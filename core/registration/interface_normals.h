@@ -22,6 +22,7 @@ class InterfaceNormals {
     /// Unit normals, Dim values a site, of either sign. 0 where v changes by less than three tenths of its strongest
     /// change.
     std::vector<T> values;
+    std::vector<T> strengths;  ///< how much v changes, as a share of its strongest change; 0 where there is no normal
     double oblique_share = 0;  ///< of the sites with a normal: those where it is more than 6 degrees off every axis
   };
   Normals on(const Lattice<Dim>& lattice) const;

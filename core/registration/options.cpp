@@ -74,6 +74,7 @@ RegistrationOptions default_options(Model model, SimilarityType similarity, Pres
         o.momenta.orientations = -1;
         o.momenta.oblique_share = -1;
         o.momenta.oriented_alone = -1;
+        o.momenta.shear_weights = -1;
       }
       break;
   }

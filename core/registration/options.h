@@ -91,6 +91,10 @@ struct RegistrationOptions {
     /// lambda of the rounds with even weights that reweighted ones follow, as a multiple: they are there to show where
     /// momenta are, which a larger one does with fewer of them.
     double even_sparsity = 1;
+    /// 1: where first orders wait, the first weights of oriented momenta come from how strongly order 0's velocity
+    /// changes, in place of a path of even ones; 2: in place of the first reweighted round as well; -1: what was
+    /// measured (core/measurements.md, "Sparsity").
+    int shear_weights = 0;
     int reweighted_rounds = 0;      ///< times that a level is solved again with weights made from the momenta found
     bool debias = false;            ///< a last round without sparsity on the momenta found
     std::vector<double> direction;  ///< of the derivative of model directional: a unit vector, world (LPS)

@@ -327,6 +327,12 @@ const std::vector<Parameter>& parameters() {
           "sparsity counts so many times in the rounds with even weights that reweighted rounds follow",
           [](O & o) -> auto& { return o.momenta.even_sparsity; }),
       integer(
+          "shear_weights", "", -1, 2,
+          "1: where first orders wait, the first weights of oriented momenta follow how strongly the velocity of order "
+          "0 changes where they are, in place of a path of even ones; 2: in place of the first reweighted round as "
+          "well; 0: they do not, -1: by similarity, dimension and preset",
+          [](O & o) -> auto& { return o.momenta.shear_weights; }),
+      integer(
           "reweighted_rounds", "", 0, 10,
           "times that a level is solved again with sparsity weights made from the momenta found",
           [](O & o) -> auto& { return o.momenta.reweighted_rounds; }),
@@ -596,6 +602,10 @@ std::vector<std::string> problems(const RegistrationOptions& options) {
     found.push_back(
         "parameter oriented_alone is 2, first_order_waits is false and reweighted_rounds is 0; oriented momenta are "
         "where a round before shows an interface, so let first orders wait, or give one reweighted round or more");
+  if (options.momenta.shear_weights > 0 && !options.momenta.first_order_waits)
+    found.push_back("parameter shear_weights is " + std::to_string(options.momenta.shear_weights) +
+                    " and first_order_waits is false; order 0 has no velocity before first orders begin, so let them "
+                    "wait, or set shear_weights to 0");
   if (options.momenta.orientations > 0) {
     const std::string given = "parameter orientations is " + std::to_string(options.momenta.orientations);
     if (options.momenta.first_order_scales == 0 || options.model == Model::Directional)

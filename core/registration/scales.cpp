@@ -213,6 +213,14 @@ void resolve_elements(int dimension, RegistrationOptions& o) {
   if (o.momenta.oriented_alone < 0 && is_alone) o.momenta.oriented_alone = o.momenta.first_order_waits ? 2 : 1;
   if (o.momenta.oriented_sparsity == 0) o.momenta.oriented_sparsity = is_narrow ? 0.5 : 0.4;
   if (o.momenta.oriented_width == 0 && is_narrow) o.momenta.oriented_width = kNarrowElement;
+  // In 2-D slips lose; with accurate, whose voxels are finer, the momenta found tell more than order 0
+  // (core/measurements.md, "Sparsity").
+  if (o.momenta.shear_weights < 0) {
+    const bool is_measured = dimension == 3 && has_oriented_alone(o.momenta) && o.momenta.first_order_waits;
+    o.momenta.shear_weights = !is_measured || o.momenta.reweighted_rounds == 0 ? 0
+                              : o.preset == Preset::Accurate                   ? 1
+                                                                               : 2;
+  }
 }
 
 /// `noise`: on the finest level.

@@ -354,6 +354,7 @@ void WorkingSet<Dim, T>::turn(const InterfaceNormals<Dim, T>& interface) {
   const bool turns = has_elements || oblique_share_ >= least_oblique_share_;
   for (std::size_t s = 0; s < oriented_.size(); ++s) {
     if (!oriented_[s].momenta) continue;
+    oriented_[s].strengths = std::move(found[s].strengths);
     std::vector<T> normals = turns ? std::move(found[s].values) : std::vector<T>();
     if (!may_stand_alone(s)) InterfaceNormals<Dim, T>::leave_out_axes(normals);
     oriented_[s].momenta->turn(std::move(normals), oriented_[s].active);

@@ -84,7 +84,8 @@ class WorkingSet {
 
   bool has_oriented() const;
   /// Turns the elements to the interface where there is one; what x says of elements is from then on said of other
-  /// normals. While there are no elements yet, only where enough of it is oblique, see `want_oblique`.
+  /// normals, and weights may follow how much it changes there, until `weigh`. While there are no elements yet, only
+  /// where enough of it is oblique, see `want_oblique`.
   void turn(const InterfaceNormals<Dim, T>& interface);
   /// Elements begin only where at least this share of the interface is oblique: along axes the m_i are better. 0 unless
   /// said.
@@ -138,6 +139,7 @@ class WorkingSet {
     OrientedMomenta<Dim, T>* momenta = nullptr;  ///< null: the scale has none
     std::size_t range = 0;                       ///< in sparsity_
     std::vector<std::uint32_t> active;
+    std::vector<T> strengths;  ///< by site, see InterfaceNormals; from `turn` to `weigh`
     /// Of a look: active elements and candidates, their values and gradients. Empty without one.
     std::vector<std::uint32_t> listed;
     std::vector<T> values, gradient;

@@ -100,12 +100,16 @@ void WorkingSet<Dim, T>::weigh(const SparsityRound& round, const std::vector<T>&
   for (std::size_t s = 0; s < scales_.size(); ++s) {
     if (!scales_[s]->can_slide()) continue;
     const std::size_t fields = static_cast<std::size_t>(first_[s].fields), sites = scales_[s]->lattice().sites();
-    const Oriented& oriented = oriented_[s];
+    Oriented& oriented = oriented_[s];
     const std::size_t lists = fields + (has_elements(s) ? oriented.momenta->options().normals.size() : 0);
     Lists factors;
     switch (round.weights) {
       case SparsityRound::Weights::Even:
         factors.assign(lists, std::vector<float>(round.factor == 1 ? 0 : sites, static_cast<float>(round.factor)));
+        break;
+      case SparsityRound::Weights::OfShear:
+        factors.assign(fields, std::vector<float>());
+        if (lists > fields) factors.resize(lists, shear_factors(oriented.strengths));
         break;
       case SparsityRound::Weights::Reweighted:
         factors = reweighted(s, x);
@@ -114,6 +118,7 @@ void WorkingSet<Dim, T>::weigh(const SparsityRound& round, const std::vector<T>&
         factors = support_factors(sizes_of(s, x));
         break;
     }
+    oriented.strengths = {};
     if (oriented.momenta) {  // those of all normals in one list
       std::vector<float>& together = factors_[oriented.range];
       together.clear();

@@ -110,6 +110,8 @@ std::string measured_from(const std::string& name, const ReportInput<Dim>& input
            "settled_plain_shear) it is all that is sharp";
   if (name == "oriented_alone" || name == "oriented_width")
     return "from the similarity and the dimension, with ssd from the fixed image's contrast (full_contrast)";
+  if (name == "shear_weights")
+    return "from the similarity, the preset and the dimension, where oriented momenta are alone and wait for order 0";
   if (name == "sparsity") return where_sparsity_is_from(*input.options);
   return "from the levels";
 }

@@ -100,6 +100,40 @@ TEST(AutoChoices, MakesWeightsFromTheMomentaFound) {
             << to_string(model) << " " << to_string(similarity) << " " << to_string(preset);
 }
 
+TEST(AutoChoices, TakesFirstWeightsFromTheShearWhereThatWasMeasured) {
+  const Lattice<2> plane{{128, 128}, {1, 1}, {}};
+  const Lattice<3> cube{{128, 128, 128}, {1, 1, 1}, {}};
+  for (SimilarityType similarity : all_similarities())
+    for (Preset preset : all_presets()) {
+      SCOPED_TRACE(to_string(similarity) + " " + to_string(preset));
+      const auto weights = [&](RegistrationOptions options, const auto& lattice) {
+        EXPECT_TRUE(problems(options).empty());
+        return resolved(options, lattice).momenta.shear_weights;
+      };
+      const RegistrationOptions usual = default_options(Model::Auto, similarity, preset);
+      const int expected = similarity == SimilarityType::Ssd ? 0 : preset == Preset::Accurate ? 1 : 2;
+      EXPECT_EQ(weights(usual, plane), 0);
+      EXPECT_EQ(weights(usual, cube), expected);
+      EXPECT_EQ(weights(default_options(Model::Sliding, similarity, preset), cube), 0);
+      RegistrationOptions given = usual;
+      given.momenta.reweighted_rounds = 0;  // even weights to the end, then
+      EXPECT_EQ(weights(given, cube), 0);
+      given = usual;
+      given.momenta.orientations = 0;
+      EXPECT_EQ(weights(given, cube), 0);
+      given = usual;
+      given.momenta.oriented_alone = 0;
+      EXPECT_EQ(weights(given, cube), 0);
+      given = usual;
+      given.momenta.first_order_waits = true;
+      given.momenta.shear_weights = 1;
+      EXPECT_EQ(weights(given, plane), 1);
+      given.momenta.first_order_waits = false;
+      EXPECT_THAT(problems(given),
+                  ::testing::ElementsAre(::testing::HasSubstr("shear_weights is 1 and first_order_waits is false")));
+    }
+}
+
 TEST(AutoChoices, AsksForANarrowerScaleWhereThatWasMeasured) {
   const Lattice<3> cube{{128, 128, 128}, {1, 1, 1}, {}};
   const std::map<SimilarityType, double> measured = {{SimilarityType::Ssd, 140}, {SimilarityType::Ncc, 40},

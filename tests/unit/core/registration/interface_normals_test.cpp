@@ -6,6 +6,7 @@
 
 #include <Eigen/Core>
 
+#include <algorithm>
 #include <cmath>
 #include <numbers>
 #include <vector>
@@ -38,6 +39,9 @@ void expect_the_normal_of_a_step(const Vector<Dim>& normal, bool is_oblique, boo
   EXPECT_NEAR(found.oblique_share, is_oblique ? 1 : 0, 0.1);
   if (leaves_out) InterfaceNormals<Dim, double>::leave_out_axes(normals);
   const bool is_found = is_oblique || !leaves_out;
+  const std::vector<double>& strengths = found.strengths;
+  ASSERT_EQ(strengths.size(), lattice.sites());
+  EXPECT_EQ(*std::max_element(strengths.begin(), strengths.end()), 1);
   int near = 0, far = 0;
   for (int slab = 0; slab < lattice.size[Dim - 1]; ++slab)
     visit_slab<Dim>(lattice, slab, [&](const Index<Dim>& index, std::size_t site) {
@@ -48,10 +52,12 @@ void expect_the_normal_of_a_step(const Vector<Dim>& normal, bool is_oblique, boo
       if (std::abs(distance(index)) < 2) {
         ++near;
         EXPECT_NEAR(std::abs(n.dot(normal)), is_found ? 1 : 0, 1e-2);
+        EXPECT_GT(strengths[site], 0.7);
       }
       if (std::abs(distance(index)) > 12) {
         ++far;
         EXPECT_EQ(n.norm(), 0);
+        EXPECT_EQ(strengths[site], 0);
       }
     });
   EXPECT_GT(near, 10);
@@ -78,6 +84,7 @@ TEST(InterfaceNormals, AreNoneWhereNothingMoves) {
   const Field<float> still(2 * lattice.sites(), 0.5f);
   const auto found = InterfaceNormals<2, float>(lattice, still).on(lattice);
   for (float value : found.values) EXPECT_EQ(value, 0);
+  for (float value : found.strengths) EXPECT_EQ(value, 0);
   EXPECT_EQ(found.oblique_share, 0);
 }
 

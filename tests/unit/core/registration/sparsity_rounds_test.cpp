@@ -59,6 +59,33 @@ TEST(SparsityRounds, BeginWithMoreSparsityOnlyWhereReweightedOnesFollow) {
   EXPECT_EQ(sparsity_rounds(momenta, true, false).back().factor, 1);
 }
 
+TEST(SparsityRounds, BeginWithWeightsOfShearWhereOrderZeroWasAloneBefore) {
+  RegistrationOptions::Momenta momenta;
+  momenta.sparsity = 1e-3;
+  momenta.sparsity_path = 3;
+  momenta.reweighted_rounds = 2;
+  momenta.first_order_waits = true;
+  momenta.shear_weights = 1;
+  const auto rounds = sparsity_rounds(momenta, true, false);
+  EXPECT_EQ(weights_of(rounds),
+            (std::vector<Weights>{Weights::Even, Weights::OfShear, Weights::Reweighted, Weights::Reweighted}));
+  EXPECT_FALSE(rounds[0].lets_blocks_join);
+  EXPECT_TRUE(rounds[1].lets_blocks_join);
+  // A coarser level has momenta to make weights from.
+  EXPECT_EQ(weights_of(sparsity_rounds(momenta, true, true)),
+            (std::vector<Weights>{Weights::Even, Weights::Reweighted, Weights::Reweighted}));
+  momenta.shear_weights = 2;
+  EXPECT_EQ(weights_of(sparsity_rounds(momenta, true, false)),
+            (std::vector<Weights>{Weights::Even, Weights::OfShear, Weights::Reweighted}));
+  EXPECT_EQ(weights_of(sparsity_rounds(momenta, true, true)),
+            (std::vector<Weights>{Weights::Even, Weights::Reweighted, Weights::Reweighted}));
+  momenta.reweighted_rounds = 0;
+  EXPECT_EQ(weights_of(sparsity_rounds(momenta, true, false)), (std::vector<Weights>{Weights::Even, Weights::OfShear}));
+  momenta.first_order_waits = false;  // nothing shows any shear
+  EXPECT_EQ(weights_of(sparsity_rounds(momenta, true, false)),
+            (std::vector<Weights>{Weights::Even, Weights::Even, Weights::Even}));
+}
+
 /// Scales with first orders, coarsest first, each twice as fine as the one before.
 struct Scales {
   Lattice<2> lattice{{24, 20}, {1, 1}, {}};
@@ -175,6 +202,47 @@ TEST(SparsityWeights, OfElementsComeFromAllThatACoarserScaleHas) {
   }
 }
 
+// Of elements, by what the structure tensor says; momenta along the axes have no normal that could tell.
+TEST(SparsityWeights, FollowTheShearWhereTheVelocityIsToShowWhereElementsAre) {
+  Scales scene(1, 8);
+  const Lattice<2>& lattice = scene.scales[0]->lattice();
+  WorkingSet<2, double> set(scene.scales, 1e-3, 0.5);
+  Field<double> velocity(2 * lattice.sites());  // a slip that becomes less along y
+  for (int y = 0; y < lattice.size[1]; ++y)
+    for (int x = 0; x < lattice.size[0]; ++x)
+      velocity[2 * static_cast<std::size_t>(y * lattice.size[0] + x) + 1] =
+          std::tanh((x - 11.5) / 2.0) * (1 - 0.04 * y);
+  const InterfaceNormals<2, double> interface(lattice, velocity);
+  const std::vector<double> strengths = interface.on(lattice).strengths;
+  set.turn(interface);
+  set.weigh({Weights::OfShear, 1}, std::vector<double>(set.size(), 0.0));
+  ASSERT_EQ(set.weights().size(), 3u);
+  EXPECT_TRUE(set.weights()[0].empty() && set.weights()[1].empty());
+  const std::vector<float>& elements = set.weights()[2];
+  ASSERT_EQ(elements.size(), 8 * lattice.sites());
+  for (std::size_t e = 0; e < elements.size(); ++e) {
+    const double share = strengths[e % lattice.sites()];
+    EXPECT_FLOAT_EQ(elements[e], static_cast<float>(1 / (0.15 + 8 * std::pow(share, 4)))) << e;
+  }
+  const auto [least, most] = std::minmax_element(elements.begin(), elements.end());
+  EXPECT_FLOAT_EQ(*least, static_cast<float>(1 / 8.15)) << "where it changes most";
+  EXPECT_FLOAT_EQ(*most, static_cast<float>(1 / 0.15)) << "where it hardly does";
+  // Said once: other weights, and turning again, begin anew.
+  set.turn(interface);
+  set.weigh({Weights::Even, 1}, std::vector<double>(set.size(), 0.0));
+  for (const std::vector<float>& list : set.weights()) EXPECT_TRUE(list.empty());
+}
+
+// Nothing moves, so nothing shows where elements might be, and there are none.
+TEST(SparsityWeights, OfShearAreEvenWhereNothingMoves) {
+  Scales scene(1, 8);
+  const Lattice<2>& lattice = scene.scales[0]->lattice();
+  WorkingSet<2, double> set(scene.scales, 1e-3, 0.5);
+  set.turn(InterfaceNormals<2, double>(lattice, Field<double>(2 * lattice.sites())));
+  set.weigh({Weights::OfShear, 1}, std::vector<double>(set.size(), 0.0));
+  for (const std::vector<float>& list : set.weights()) EXPECT_TRUE(list.empty());
+}
+
 TEST(SparsityWeights, AreEvenWhereNoScaleHasMomenta) {
   Scales scene;
   WorkingSet<2, double> set(scene.scales, 1e-3, 0.5);
@@ -198,6 +266,36 @@ RegistrationInput<2> slip() {
   PhantomOptions options = default_phantom_options(PhantomKind::Slip);
   options.size = {64, 64, 1};
   return testing::pair_of(make_phantom<2>(options));
+}
+
+// One round less beside elements, in weights that order 0's velocity gives, and what slides is still found.
+TEST(ShearWeights, TakeTheRoundThatShowsWhereElementsAre) {
+  PhantomOptions phantom = default_phantom_options(PhantomKind::Slip);
+  phantom.dimension = 3;
+  phantom.size = {40, 40, 40};
+  phantom.slip_mm = 4;
+  phantom.angle_deg = 30;
+  phantom.noise = 0.01;
+  const RegistrationInput<3> pair = testing::pair_of(make_phantom<3>(phantom));
+  RegistrationOptions options = default_options(Model::Auto, SimilarityType::Lncc, Preset::Balanced);
+  options.threads = 1;
+  options.pyramid.finest_level = 1;
+  const auto level_with = [&](int shear_weights) {
+    options.momenta.shear_weights = shear_weights;
+    return register_images<3>(pair, options).summary.levels.back();
+  };
+  const LevelSummary even = level_with(0), both = level_with(1), shear = level_with(2), usual = level_with(-1);
+  for (const LevelSummary& level : {even, both, shear, usual}) {
+    EXPECT_EQ(level.decision, FirstOrderDecision::LetIn);
+    EXPECT_GT(level.oriented_elements, 10);
+    EXPECT_LT(level.energy_after, level.energy_before);
+  }
+  EXPECT_EQ(even.rounds, 3);
+  EXPECT_EQ(both.rounds, 3);
+  EXPECT_EQ(shear.rounds, 2);
+  EXPECT_NE(even.energy_after, both.energy_after);
+  EXPECT_EQ(usual.energy_after, shear.energy_after);
+  EXPECT_LT(shear.evaluations, even.evaluations);
 }
 
 /// Iterations of each round of the last level.

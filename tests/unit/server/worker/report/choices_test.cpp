@@ -115,6 +115,16 @@ TEST(Choices, TellWhatALowContrastMakes) {
   EXPECT_THAT(said_of("first_round_tolerance", Model::Auto, SimilarityType::Lncc), IsEmpty());
 }
 
+TEST(Choices, TellWhereFirstWeightsAreFrom) {
+  const std::string measured =
+      " (from the similarity, the preset and the dimension, where oriented momenta are alone and wait for order 0)";
+  EXPECT_EQ(said_of("shear_weights", Model::Auto, SimilarityType::Lncc), Lines{"1" + measured});
+  EXPECT_EQ(said_of("shear_weights", Model::Auto, SimilarityType::Lncc, {}, Preset::Balanced), Lines{"2" + measured});
+  EXPECT_EQ(said_of("shear_weights", Model::Auto, SimilarityType::Lncc, {{"shear_weights", "0"}}),
+            Lines{"0 (set by the job; the default is -1)"});
+  EXPECT_THAT(said_of("shear_weights", Model::Sliding, SimilarityType::Lncc), IsEmpty());
+}
+
 // 0 is not what is used, and a report must not read as if it were.
 TEST(Choices, TellTheRegularisationInUse) {
   const std::string measured = " (from the similarity and the dimension, for which it was measured)";
