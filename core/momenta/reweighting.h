@@ -20,7 +20,7 @@ template <int Dim>
 std::vector<std::vector<float>> reweighted_factors(const Lattice<Dim>& lattice, std::vector<std::vector<float>> sizes);
 
 /// Factors for elements of which there are none yet, by how strongly the velocity changes at their sites
-/// (InterfaceNormals), as a share of its strongest change:
+/// (InterfaceNormals), as a share of its strongest change, 0 to 1:
 ///
 ///     factor = 1 / (0.15 + 8 share^4)
 ///

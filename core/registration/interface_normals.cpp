@@ -45,6 +45,14 @@ InterfaceNormals<Dim, T>::InterfaceNormals(const Lattice<Dim>& lattice, const Fi
   }
   for (double& tap : taps) tap /= std::pow(3.0, kMeans);
   const AxisTaps<T> smoothing(taps);
+  for (std::size_t axis = 0; axis < Dim; ++axis) {
+    const int size = lattice.size[axis];
+    within_[axis].resize(static_cast<std::size_t>(size));
+    for (int at = 0; at < size; ++at)
+      for (int tap = -kMeans; tap <= kMeans; ++tap)
+        if (at + tap >= 0 && at + tap < size)
+          within_[axis][static_cast<std::size_t>(at)] += taps[static_cast<std::size_t>(tap + kMeans)];
+  }
   Field<T> smoothed(tensor_.size());
   for (int axis = 0; axis < Dim; ++axis) {
     convolve_axis<Dim, T>(lattice, kPairs, axis, smoothing, Combine::Replace, tensor_.data(), smoothed.data());
@@ -86,16 +94,35 @@ typename InterfaceNormals<Dim, T>::Normals InterfaceNormals<Dim, T>::on(const La
       strength[site] = static_cast<T>(std::sqrt(std::max(0.0, solver.eigenvalues()[Dim - 1])));
       for (int a = 0; a < Dim; ++a) normals[Dim * site + a] = static_cast<T>(solver.eigenvectors()(a, Dim - 1));
     });
-  const T most = *std::max_element(strength.begin(), strength.end()), least = static_cast<T>(kLeastShare) * most;
+  const T least = static_cast<T>(kLeastShare) * *std::max_element(strength.begin(), strength.end());
   std::size_t strong = 0, oblique = 0;
   for (std::size_t site = 0; site < strength.size(); ++site) {
     T* n = normals.data() + Dim * site;
     const bool is_strong = strength[site] > least;
     strong += is_strong;
     oblique += is_strong && !is_along_axis<Dim>(n);
-    strength[site] = is_strong ? strength[site] / most : T(0);
-    if (!is_strong) std::fill(n, n + Dim, T(0));
+    if (is_strong) continue;
+    std::fill(n, n + Dim, T(0));
+    strength[site] = 0;
   }
+  // At the border a part of the neighbourhood is not there, which says nothing of the rest.
+  std::array<std::vector<double>, Dim> scale;
+  for (std::size_t axis = 0; axis < Dim; ++axis)
+    for (int i = 0; i < lattice.size[axis]; ++i) {
+      const double at =
+          (lattice.offset[axis] + i * lattice.spacing[axis] - lattice_.offset[axis]) / lattice_.spacing[axis];
+      const long nearest = std::clamp(std::lround(at), 0l, lattice_.size[axis] - 1l);
+      scale[axis].push_back(1 / std::sqrt(within_[axis][static_cast<std::size_t>(nearest)]));
+    }
+#pragma omp parallel for schedule(static)
+  for (int slab = 0; slab < lattice.size[Dim - 1]; ++slab)
+    visit_slab<Dim>(lattice, slab, [&](const Index<Dim>& index, std::size_t site) {
+      double whole = strength[site];
+      for (std::size_t axis = 0; axis < Dim; ++axis) whole *= scale[axis][static_cast<std::size_t>(index[axis])];
+      strength[site] = static_cast<T>(whole);
+    });
+  if (const T most = *std::max_element(strength.begin(), strength.end()); most > 0)
+    for (T& share : strength) share /= most;
   return {std::move(normals), std::move(strength),
           strong > 0 ? static_cast<double>(oblique) / static_cast<double>(strong) : 0.0};
 }

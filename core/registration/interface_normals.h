@@ -2,6 +2,7 @@
 
 #include "core/grid/lattice.h"
 
+#include <array>
 #include <vector>
 
 namespace saltus {
@@ -22,7 +23,9 @@ class InterfaceNormals {
     /// Unit normals, Dim values a site, of either sign. 0 where v changes by less than three tenths of its strongest
     /// change.
     std::vector<T> values;
-    std::vector<T> strengths;  ///< how much v changes, as a share of its strongest change; 0 where there is no normal
+    /// How much v changes there, whatever way, as a share of its strongest change; 0 where there is no normal. Of what
+    /// lies within the lattice.
+    std::vector<T> strengths;
     double oblique_share = 0;  ///< of the sites with a normal: those where it is more than 6 degrees off every axis
   };
   Normals on(const Lattice<Dim>& lattice) const;
@@ -33,7 +36,8 @@ class InterfaceNormals {
  private:
   static constexpr int kPairs = Dim * (Dim + 1) / 2;
   Lattice<Dim> lattice_;
-  Field<T> tensor_;  ///< upper triangle, row by row
+  Field<T> tensor_;                              ///< upper triangle, row by row
+  std::array<std::vector<double>, Dim> within_;  ///< share of the neighbourhood within the lattice, by index of an axis
 };
 
 }  // namespace saltus

@@ -87,13 +87,15 @@ struct RegistrationOptions {
                                 ///< image has less, lambda, regularisation_beside_first, what is measured of
                                 ///< oriented_width and the tolerances of rounds are less; 0: they are not
     int sparsity_path = 1;  ///< weights lambda 2^(n-1), ..., lambda that a level is solved with, one after the other;
-                            ///< none where a coarser one found first orders and reweighted_rounds follow
+                            ///< none where a coarser one found first orders and reweighted_rounds follow, nor where
+                            ///< shear_weights take its place
     /// lambda of the rounds with even weights that reweighted ones follow, as a multiple: they are there to show where
     /// momenta are, which a larger one does with fewer of them.
     double even_sparsity = 1;
-    /// 1: where first orders wait, the first weights of oriented momenta come from how strongly order 0's velocity
-    /// changes, in place of a path of even ones; 2: in place of the first reweighted round as well; -1: what was
-    /// measured (core/measurements.md, "Sparsity").
+    /// 1: where first orders wait and oriented momenta are alone, their first weights come from how strongly order 0's
+    /// velocity changes, in place of a path of even ones; 2: in place of the first reweighted round as well; -1: what
+    /// was measured (core/measurements.md, "First weights from the velocity"), 0 where the path or its weights are
+    /// given.
     int shear_weights = 0;
     int reweighted_rounds = 0;      ///< times that a level is solved again with weights made from the momenta found
     bool debias = false;            ///< a last round without sparsity on the momenta found

@@ -320,7 +320,7 @@ const std::vector<Parameter>& parameters() {
       integer(
           "sparsity_path", "", 1, 12,
           "weights that a level goes through, each half the one before, down to sparsity; none where a coarser level "
-          "found first orders and reweighted rounds follow",
+          "found first orders and reweighted rounds follow, or shear_weights take its place",
           [](O & o) -> auto& { return o.momenta.sparsity_path; }),
       real(
           "even_sparsity", "", 1, Lower::Inclusive, 100,
@@ -328,13 +328,15 @@ const std::vector<Parameter>& parameters() {
           [](O & o) -> auto& { return o.momenta.even_sparsity; }),
       integer(
           "shear_weights", "", -1, 2,
-          "1: where first orders wait, the first weights of oriented momenta follow how strongly the velocity of order "
-          "0 changes where they are, in place of a path of even ones; 2: in place of the first reweighted round as "
-          "well; 0: they do not, -1: by similarity, dimension and preset",
+          "1: where first orders wait and oriented momenta are alone, the first weights of these follow how strongly "
+          "the velocity of order 0 changes where they are, in place of a path of even ones; 2: in place of the first "
+          "reweighted round as well; 0: they do not, -1: by similarity, dimension and preset, 0 where sparsity_path or "
+          "even_sparsity is given",
           [](O & o) -> auto& { return o.momenta.shear_weights; }),
       integer(
           "reweighted_rounds", "", 0, 10,
-          "times that a level is solved again with sparsity weights made from the momenta found",
+          "times that a level is solved again with sparsity weights made from the momenta found; of the first level "
+          "that has any one less with shear_weights 2",
           [](O & o) -> auto& { return o.momenta.reweighted_rounds; }),
       boolean(
           "debias", "solve a level once more on the first-order momenta found, without their sparsity term",
@@ -604,8 +606,16 @@ std::vector<std::string> problems(const RegistrationOptions& options) {
         "where a round before shows an interface, so let first orders wait, or give one reweighted round or more");
   if (options.momenta.shear_weights > 0 && !options.momenta.first_order_waits)
     found.push_back("parameter shear_weights is " + std::to_string(options.momenta.shear_weights) +
-                    " and first_order_waits is false; order 0 has no velocity before first orders begin, so let them "
+                    " and first_order_waits is false; order 0 has not settled before first orders begin, so let them "
                     "wait, or set shear_weights to 0");
+  if (options.momenta.shear_weights > 0 &&
+      (options.momenta.orientations == 0 || options.momenta.oriented_alone == 0 || options.momenta.oriented_alone == 1))
+    found.push_back(
+        "parameter shear_weights is " + std::to_string(options.momenta.shear_weights) + ", orientations " +
+        std::to_string(options.momenta.orientations) + " and oriented_alone " +
+        std::to_string(options.momenta.oriented_alone) +
+        "; it is for oriented momenta that are alone, so set orientations to -1 and oriented_alone to 2, or "
+        "shear_weights to 0");
   if (options.momenta.orientations > 0) {
     const std::string given = "parameter orientations is " + std::to_string(options.momenta.orientations);
     if (options.momenta.first_order_scales == 0 || options.model == Model::Directional)

@@ -198,6 +198,18 @@ void resolve_measured(int dimension, RegistrationOptions& o) {
     o.flow.divergence_weight = is_lncc ? (dimension == 2 ? 1 : 0.6) : usual.flow.divergence_weight;
 }
 
+/// Of elements that are alone; core/measurements.md, "First weights from the velocity". In 2-D slips lose; with
+/// accurate, whose voxels are finer, the momenta found tell more than order 0 does. A path that is given is gone along.
+int usual_shear_weights(int dimension, const RegistrationOptions& o) {
+  const RegistrationOptions::Momenta &momenta = o.momenta,
+                                     usual = default_options(o.model, o.similarity, o.preset).momenta;
+  const bool is_measured = are_elements_narrow(dimension, o.similarity) && is_zeroth_gaussian(o.model) &&
+                           has_oriented_alone(momenta) && momenta.first_order_waits && momenta.reweighted_rounds > 0;
+  const bool is_given = momenta.sparsity_path != usual.sparsity_path || momenta.even_sparsity != usual.even_sparsity;
+  if (!is_measured || is_given) return 0;
+  return o.preset == Preset::Accurate ? 1 : 2;
+}
+
 /// As far as these do not go with the contrast, see follow_contrast.
 void resolve_elements(int dimension, RegistrationOptions& o) {
   if (o.momenta.orientations < 0) {
@@ -213,14 +225,7 @@ void resolve_elements(int dimension, RegistrationOptions& o) {
   if (o.momenta.oriented_alone < 0 && is_alone) o.momenta.oriented_alone = o.momenta.first_order_waits ? 2 : 1;
   if (o.momenta.oriented_sparsity == 0) o.momenta.oriented_sparsity = is_narrow ? 0.5 : 0.4;
   if (o.momenta.oriented_width == 0 && is_narrow) o.momenta.oriented_width = kNarrowElement;
-  // In 2-D slips lose; with accurate, whose voxels are finer, the momenta found tell more than order 0
-  // (core/measurements.md, "Sparsity").
-  if (o.momenta.shear_weights < 0) {
-    const bool is_measured = dimension == 3 && has_oriented_alone(o.momenta) && o.momenta.first_order_waits;
-    o.momenta.shear_weights = !is_measured || o.momenta.reweighted_rounds == 0 ? 0
-                              : o.preset == Preset::Accurate                   ? 1
-                                                                               : 2;
-  }
+  if (o.momenta.shear_weights < 0) o.momenta.shear_weights = usual_shear_weights(dimension, o);
 }
 
 /// `noise`: on the finest level.

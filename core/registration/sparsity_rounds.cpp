@@ -1,5 +1,7 @@
 #include "core/registration/sparsity_rounds.h"
 
+#include "core/registration/scales.h"
+
 #include <cmath>
 
 namespace saltus {
@@ -10,7 +12,8 @@ std::vector<SparsityRound> sparsity_rounds(const RegistrationOptions::Momenta& m
   if (!has_first_order || momenta.sparsity == 0) return {{Weights::Even, 1}};
   std::vector<SparsityRound> rounds;
   if (momenta.first_order_waits) rounds.push_back({Weights::Even, 1, false});
-  const bool has_shear = momenta.shear_weights > 0 && momenta.first_order_waits && !has_found;
+  const bool has_shear =
+      momenta.shear_weights > 0 && momenta.first_order_waits && has_oriented_alone(momenta) && !has_found;
   const bool has_path = !has_shear && (!has_found || momenta.reweighted_rounds == 0);
   const double last = momenta.reweighted_rounds > 0 ? momenta.even_sparsity : 1;
   for (int k = momenta.sparsity_path - 1; k >= 0 && has_path; --k)

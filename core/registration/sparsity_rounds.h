@@ -11,7 +11,8 @@ namespace saltus {
 struct SparsityRound {
   enum class Weights {
     Even,        ///< lambda times `factor` for every group
-    OfShear,     ///< lambda times a factor from how strongly order 0's velocity changes, for elements; even for others
+    OfShear,     ///< for elements lambda times a factor from how strongly order 0's velocity changes, by shear or not;
+                 ///< even for others
     Reweighted,  ///< lambda times a factor from the momenta of the round before, see momenta/reweighting.h; where a
                  ///< scale has none yet, from those of a coarser one
     Debiased     ///< 0 on the support of the round before, infinite elsewhere: the shrinkage of the norm is taken back
@@ -23,8 +24,10 @@ struct SparsityRound {
 
 /// The rounds of a level: where first orders wait, one in which none appear; the path of weights lambda 2^(n-1), ..., 2
 /// lambda, lambda (`even_sparsity` times as much where reweighted rounds follow), then these, then the debiasing round.
-/// Where a coarser level `has_found` first orders, the reweighted rounds know already where, and there is no path. Nor
-/// with `shear_weights` where first orders wait: order 0's velocity shows it then, and one round has weights of that.
+/// Where a coarser level `has_found` first orders, reweighted rounds know already where, and there is no path. Where
+/// none has and oriented momenta are alone, one round whose weights follow order 0's velocity takes the place of the
+/// path
+/// (`shear_weights` 1) and of the first reweighted one as well (2).
 /// Without first-order momenta one round.
 std::vector<SparsityRound> sparsity_rounds(const RegistrationOptions::Momenta& momenta, bool has_first_order,
                                            bool has_found);

@@ -84,8 +84,8 @@ class WorkingSet {
 
   bool has_oriented() const;
   /// Turns the elements to the interface where there is one; what x says of elements is from then on said of other
-  /// normals, and weights may follow how much it changes there, until `weigh`. While there are no elements yet, only
-  /// where enough of it is oblique, see `want_oblique`.
+  /// normals. The next `weigh` may follow how strongly the velocity changes at them. While there are no elements yet,
+  /// only where enough of it is oblique, see `want_oblique`.
   void turn(const InterfaceNormals<Dim, T>& interface);
   /// Elements begin only where at least this share of the interface is oblique: along axes the m_i are better. 0 unless
   /// said.

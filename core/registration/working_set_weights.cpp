@@ -5,6 +5,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <stdexcept>
 
 namespace saltus {
 
@@ -109,7 +110,9 @@ void WorkingSet<Dim, T>::weigh(const SparsityRound& round, const std::vector<T>&
         break;
       case SparsityRound::Weights::OfShear:
         factors.assign(fields, std::vector<float>());
-        if (lists > fields) factors.resize(lists, shear_factors(oriented.strengths));
+        if (lists == fields) break;
+        if (oriented.strengths.empty()) throw std::logic_error("weights of shear are asked for before a turn");
+        factors.resize(lists, shear_factors(oriented.strengths));
         break;
       case SparsityRound::Weights::Reweighted:
         factors = reweighted(s, x);
@@ -118,7 +121,7 @@ void WorkingSet<Dim, T>::weigh(const SparsityRound& round, const std::vector<T>&
         factors = support_factors(sizes_of(s, x));
         break;
     }
-    oriented.strengths = {};
+    std::vector<T>().swap(oriented.strengths);
     if (oriented.momenta) {  // those of all normals in one list
       std::vector<float>& together = factors_[oriented.range];
       together.clear();

@@ -111,7 +111,8 @@ std::string measured_from(const std::string& name, const ReportInput<Dim>& input
   if (name == "oriented_alone" || name == "oriented_width")
     return "from the similarity and the dimension, with ssd from the fixed image's contrast (full_contrast)";
   if (name == "shear_weights")
-    return "from the similarity, the preset and the dimension, where oriented momenta are alone and wait for order 0";
+    return "from the similarity, the preset and the dimension, where oriented momenta are alone and wait for order 0, "
+           "and no path of weights is given";
   if (name == "sparsity") return where_sparsity_is_from(*input.options);
   return "from the levels";
 }
@@ -142,7 +143,8 @@ std::vector<Choice> choices(const ReportInput<Dim>& input) {
                               asked.name != "sparsity_noise" &&  // used up: what follows them says so
                               asked.name != "full_contrast";
     if (asked.name == "width_voxels" && !is_set && !has_one_width) continue;
-    const bool is_of_oriented = asked.name == "oblique_share" || asked.name.starts_with("oriented_");
+    const bool is_of_oriented =
+        asked.name == "oblique_share" || asked.name == "shear_weights" || asked.name.starts_with("oriented_");
     if (is_of_oriented && !is_set && input.result->options.momenta.orientations == 0) continue;
     if (is_set)
       found.push_back(

@@ -125,9 +125,25 @@ TEST(AutoChoices, TakesFirstWeightsFromTheShearWhereThatWasMeasured) {
       given.momenta.oriented_alone = 0;
       EXPECT_EQ(weights(given, cube), 0);
       given = usual;
+      given.momenta.sparsity_path = 2;  // which would not be gone along
+      EXPECT_EQ(weights(given, cube), 0);
+      given = usual;
+      given.momenta.even_sparsity = 3;
+      EXPECT_EQ(weights(given, cube), 0);
+      given = usual;
       given.momenta.first_order_waits = true;
       given.momenta.shear_weights = 1;
       EXPECT_EQ(weights(given, plane), 1);
+      given.momenta.oriented_alone = 1;
+      EXPECT_THAT(
+          problems(given),
+          ::testing::ElementsAre(::testing::HasSubstr("shear_weights is 1, orientations -1 and oriented_alone 1")));
+      given.momenta.oriented_alone = 2;
+      given.momenta.orientations = 0;
+      EXPECT_THAT(
+          problems(given),
+          ::testing::ElementsAre(::testing::HasSubstr("shear_weights is 1, orientations 0 and oriented_alone 2")));
+      given.momenta.orientations = -1;
       given.momenta.first_order_waits = false;
       EXPECT_THAT(problems(given),
                   ::testing::ElementsAre(::testing::HasSubstr("shear_weights is 1 and first_order_waits is false")));

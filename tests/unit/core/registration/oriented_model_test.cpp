@@ -472,6 +472,19 @@ TEST(OrientedModel, ResumesWithTheSameEndWithoutFields) {
   expect_to_resume_with_the_same_end(options);
 }
 
+// Weights that were made of a velocity which is no more.
+TEST(OrientedModel, ResumesWithTheSameEndWithWeightsFromTheVelocity) {
+  RegistrationOptions options = default_options(Model::Auto, SimilarityType::Ncc, Preset::Balanced);
+  options.threads = 1;
+  options.momenta.first_order_shear = 1e-9;
+  options.momenta.oriented_alone = 2;
+  options.momenta.oblique_share = 0;
+  for (int shear_weights : {1, 2}) {
+    options.momenta.shear_weights = shear_weights;
+    expect_to_resume_with_the_same_end(options);
+  }
+}
+
 // One element is turned from another normal than a new choice would take, as one with a momentum may be.
 TEST(OrientedModel, PutsBackWhatWasTurnedAndNothingElse) {
   const SettledSlip settled;

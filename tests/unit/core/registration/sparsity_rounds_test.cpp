@@ -5,6 +5,7 @@
 
 #include <cmath>
 
+#include "core/evaluation/field_error.h"
 #include "core/momenta/reweighting.h"
 #include "core/phantom/make_phantom.h"
 #include "core/registration/interface_normals.h"
@@ -65,6 +66,8 @@ TEST(SparsityRounds, BeginWithWeightsOfShearWhereOrderZeroWasAloneBefore) {
   momenta.sparsity_path = 3;
   momenta.reweighted_rounds = 2;
   momenta.first_order_waits = true;
+  momenta.orientations = 9;
+  momenta.oriented_alone = 2;
   momenta.shear_weights = 1;
   const auto rounds = sparsity_rounds(momenta, true, false);
   EXPECT_EQ(weights_of(rounds),
@@ -80,8 +83,16 @@ TEST(SparsityRounds, BeginWithWeightsOfShearWhereOrderZeroWasAloneBefore) {
   EXPECT_EQ(weights_of(sparsity_rounds(momenta, true, true)),
             (std::vector<Weights>{Weights::Even, Weights::Reweighted, Weights::Reweighted}));
   momenta.reweighted_rounds = 0;
-  EXPECT_EQ(weights_of(sparsity_rounds(momenta, true, false)), (std::vector<Weights>{Weights::Even, Weights::OfShear}));
-  momenta.first_order_waits = false;  // nothing shows any shear
+  momenta.debias = true;
+  EXPECT_EQ(weights_of(sparsity_rounds(momenta, true, false)),
+            (std::vector<Weights>{Weights::Even, Weights::OfShear, Weights::Debiased}));
+  momenta.debias = false;
+  const std::vector<Weights> path(4, Weights::Even);
+  EXPECT_EQ(weights_of(sparsity_rounds(momenta, true, true)), path) << "which nothing else takes the place of";
+  momenta.oriented_alone = 1;  // some have no such weights
+  EXPECT_EQ(weights_of(sparsity_rounds(momenta, true, false)), path);
+  momenta.oriented_alone = 2;
+  momenta.first_order_waits = false;  // nothing shows how the velocity changes
   EXPECT_EQ(weights_of(sparsity_rounds(momenta, true, false)),
             (std::vector<Weights>{Weights::Even, Weights::Even, Weights::Even}));
 }
@@ -268,7 +279,7 @@ RegistrationInput<2> slip() {
   return testing::pair_of(make_phantom<2>(options));
 }
 
-// One round less beside elements, in weights that order 0's velocity gives, and what slides is still found.
+// One round less beside elements, whose weights order 0's velocity gives, and what slides is found as well.
 TEST(ShearWeights, TakeTheRoundThatShowsWhereElementsAre) {
   PhantomOptions phantom = default_phantom_options(PhantomKind::Slip);
   phantom.dimension = 3;
@@ -276,26 +287,34 @@ TEST(ShearWeights, TakeTheRoundThatShowsWhereElementsAre) {
   phantom.slip_mm = 4;
   phantom.angle_deg = 30;
   phantom.noise = 0.01;
-  const RegistrationInput<3> pair = testing::pair_of(make_phantom<3>(phantom));
+  const Phantom<3> slip = make_phantom<3>(phantom);
   RegistrationOptions options = default_options(Model::Auto, SimilarityType::Lncc, Preset::Balanced);
   options.threads = 1;
-  options.pyramid.finest_level = 1;
-  const auto level_with = [&](int shear_weights) {
-    options.momenta.shear_weights = shear_weights;
-    return register_images<3>(pair, options).summary.levels.back();
+  options.pyramid.finest_level = 0;
+  struct Found {
+    LevelSummary level;
+    double error_near = 0;  // sum over the sites
   };
-  const LevelSummary even = level_with(0), both = level_with(1), shear = level_with(2), usual = level_with(-1);
-  for (const LevelSummary& level : {even, both, shear, usual}) {
-    EXPECT_EQ(level.decision, FirstOrderDecision::LetIn);
-    EXPECT_GT(level.oriented_elements, 10);
-    EXPECT_LT(level.energy_after, level.energy_before);
+  const auto with = [&](int shear_weights) {
+    options.momenta.shear_weights = shear_weights;
+    const RegistrationResult<3> result = register_images<3>(testing::pair_of(slip), options);
+    Found found{result.summary.levels.back()};
+    for (double error : endpoint_errors<3>(result.displacement, slip.displacement, slip.masks.near))
+      found.error_near += error;
+    return found;
+  };
+  const Found even = with(0), both = with(1), shear = with(2), usual = with(-1);
+  for (const Found* found : {&even, &both, &shear, &usual}) {
+    EXPECT_EQ(found->level.decision, FirstOrderDecision::LetIn);
+    EXPECT_GT(found->level.oriented_elements, 10);
+    EXPECT_LT(found->error_near, 1.05 * even.error_near);
   }
-  EXPECT_EQ(even.rounds, 3);
-  EXPECT_EQ(both.rounds, 3);
-  EXPECT_EQ(shear.rounds, 2);
-  EXPECT_NE(even.energy_after, both.energy_after);
-  EXPECT_EQ(usual.energy_after, shear.energy_after);
-  EXPECT_LT(shear.evaluations, even.evaluations);
+  EXPECT_EQ(even.level.rounds, 3);
+  EXPECT_EQ(both.level.rounds, 3);
+  EXPECT_EQ(shear.level.rounds, 2);
+  EXPECT_NE(even.level.energy_after, both.level.energy_after);
+  EXPECT_EQ(usual.level.energy_after, shear.level.energy_after);
+  EXPECT_LT(shear.level.evaluations, even.level.evaluations);
 }
 
 /// Iterations of each round of the last level.

@@ -117,11 +117,15 @@ TEST(Choices, TellWhatALowContrastMakes) {
 
 TEST(Choices, TellWhereFirstWeightsAreFrom) {
   const std::string measured =
-      " (from the similarity, the preset and the dimension, where oriented momenta are alone and wait for order 0)";
+      " (from the similarity, the preset and the dimension, where oriented momenta are alone and wait for order 0, and "
+      "no path of weights is given)";
   EXPECT_EQ(said_of("shear_weights", Model::Auto, SimilarityType::Lncc), Lines{"1" + measured});
   EXPECT_EQ(said_of("shear_weights", Model::Auto, SimilarityType::Lncc, {}, Preset::Balanced), Lines{"2" + measured});
   EXPECT_EQ(said_of("shear_weights", Model::Auto, SimilarityType::Lncc, {{"shear_weights", "0"}}),
             Lines{"0 (set by the job; the default is -1)"});
+  EXPECT_EQ(said_of("shear_weights", Model::Auto, SimilarityType::Lncc, {{"sparsity_path", "2"}}),
+            Lines{"0" + measured});
+  EXPECT_THAT(said_of("shear_weights", Model::Auto, SimilarityType::Lncc, {{"orientations", "0"}}), IsEmpty());
   EXPECT_THAT(said_of("shear_weights", Model::Sliding, SimilarityType::Lncc), IsEmpty());
 }
 
