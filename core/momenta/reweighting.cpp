@@ -10,7 +10,7 @@ namespace {
 constexpr double kFloor = 0.15;          // of an empty neighbourhood: its weight becomes 1 / 0.15 times its own
 constexpr double kShareOfLargest = 0.1;  // neighbourhoods above this share of the largest are shrunk less than before
 
-constexpr double kOfStrongest = 8;  // in 1 / factor, where a velocity changes most; as measured
+constexpr double kOfStrongest = 8;  // in 1 / factor, where a velocity changes more than around; as measured
 
 template <int Dim, class T>
 std::vector<float> sizes(const Lattice<Dim>& lattice, const T* field) {

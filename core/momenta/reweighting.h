@@ -19,8 +19,8 @@ std::vector<std::vector<float>> momentum_sizes(const Lattice<Dim>& lattice, cons
 template <int Dim>
 std::vector<std::vector<float>> reweighted_factors(const Lattice<Dim>& lattice, std::vector<std::vector<float>> sizes);
 
-/// Factors for elements of which there are none yet, by how strongly the velocity changes at their sites
-/// (InterfaceNormals), as a share of its strongest change, 0 to 1:
+/// Factors for elements of which there are none yet, by how strongly the velocity changes at their sites, as a share of
+/// its strongest change around them, 0 to 1 (InterfaceNormals):
 ///
 ///     factor = 1 / (0.15 + 8 share^4)
 ///

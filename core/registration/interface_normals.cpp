@@ -16,11 +16,37 @@ namespace {
 
 constexpr int kMeans = 6;  // over three samples, one of the other: a standard deviation of 2
 constexpr double kLeastShare = 0.3;
+constexpr int kBeside = 4;  // sites, which is as far as the means reach with most of their weight
 const double kAlongAxis = std::cos(6 * std::numbers::pi / 180);
 
 template <int Dim, class T>
 bool is_along_axis(const T* normal) {
   return std::any_of(normal, normal + Dim, [](T value) { return std::abs(value) > kAlongAxis; });
+}
+
+/// The largest value within so many sites along each axis.
+template <int Dim, class T>
+std::vector<T> largest_within(const Lattice<Dim>& lattice, std::vector<T> values, int reach) {
+  std::vector<T> from(values.size());
+  std::size_t stride = 1;
+  for (int axis = 0; axis < Dim; ++axis) {
+    std::swap(from, values);
+    const std::size_t length = static_cast<std::size_t>(lattice.size[axis]), block = stride * length,
+                      blocks = values.size() / block, far = static_cast<std::size_t>(reach);
+#pragma omp parallel for schedule(static)
+    for (std::size_t begin = 0; begin < blocks; ++begin)
+      for (std::size_t i = 0; i < length; ++i) {
+        const std::size_t first = i - std::min(i, far), last = std::min(length - 1, i + far);
+        T* to = values.data() + begin * block + i * stride;
+        std::copy_n(from.data() + begin * block + first * stride, stride, to);
+        for (std::size_t k = first + 1; k <= last; ++k) {
+          const T* other = from.data() + begin * block + k * stride;
+          for (std::size_t j = 0; j < stride; ++j) to[j] = std::max(to[j], other[j]);
+        }
+      }
+    stride *= length;
+  }
+  return values;
 }
 
 }  // namespace
@@ -121,8 +147,9 @@ typename InterfaceNormals<Dim, T>::Normals InterfaceNormals<Dim, T>::on(const La
       for (std::size_t axis = 0; axis < Dim; ++axis) whole *= scale[axis][static_cast<std::size_t>(index[axis])];
       strength[site] = static_cast<T>(whole);
     });
-  if (const T most = *std::max_element(strength.begin(), strength.end()); most > 0)
-    for (T& share : strength) share /= most;
+  const std::vector<T> most = largest_within<Dim>(lattice, strength, kBeside);
+  for (std::size_t site = 0; site < strength.size(); ++site)
+    if (strength[site] > T(0)) strength[site] /= most[site];
   return {std::move(normals), std::move(strength),
           strong > 0 ? static_cast<double>(oblique) / static_cast<double>(strong) : 0.0};
 }

@@ -74,6 +74,25 @@ TEST(InterfaceNormals, AreThoseOfAStep) {
   expect_the_normal_of_a_step<2>({0, 1}, false, false);
 }
 
+// Of two steps the one that is half as high stands out as much from what is around it, and both do so up to the border.
+TEST(InterfaceNormals, StandOutFromWhatIsAroundThem) {
+  const Lattice<2> lattice{{64, 32}, {1, 1}, {}};
+  Field<double> velocity(2 * lattice.sites());
+  for (int y = 0; y < 32; ++y)
+    for (int x = 0; x < 64; ++x)
+      velocity[2 * static_cast<std::size_t>(64 * y + x) + 1] =
+          std::tanh((x - 16) / 2.0) + 0.5 * std::tanh((x - 47) / 2.0);
+  const std::vector<double> strengths = InterfaceNormals<2, double>(lattice, velocity).on(lattice).strengths;
+  for (int y = 0; y < 32; ++y) {
+    const double* row = strengths.data() + 64 * y;
+    EXPECT_NEAR(row[16], 1, 1e-9) << y;
+    EXPECT_NEAR(row[47], 1, 1e-9) << y;
+    EXPECT_LT(row[13], 0.9) << y;
+    EXPECT_LT(row[44], 0.9) << y;
+    EXPECT_EQ(row[32], 0) << y;
+  }
+}
+
 TEST(InterfaceNormals, LeaveTheAxesToThemselves) {
   expect_the_normal_of_a_step<2>({0, 1}, false, true);
   expect_the_normal_of_a_step<3>({0, 0, 1}, false, true);
