@@ -16,7 +16,7 @@ namespace {
 
 constexpr int kMeans = 6;  // over three samples, one of the other: a standard deviation of 2
 constexpr double kLeastShare = 0.3;
-constexpr int kBeside = 4;  // sites, which is as far as the means reach with most of their weight
+constexpr int kBeside = 4;  // sites asked, about as far as the means of a velocity on the same lattice reach
 const double kAlongAxis = std::cos(6 * std::numbers::pi / 180);
 
 template <int Dim, class T>
@@ -33,7 +33,7 @@ std::vector<T> largest_within(const Lattice<Dim>& lattice, std::vector<T> values
     std::swap(from, values);
     const std::size_t length = static_cast<std::size_t>(lattice.size[axis]), block = stride * length,
                       blocks = values.size() / block, far = static_cast<std::size_t>(reach);
-#pragma omp parallel for schedule(static)
+#pragma omp parallel for collapse(2) schedule(static)
     for (std::size_t begin = 0; begin < blocks; ++begin)
       for (std::size_t i = 0; i < length; ++i) {
         const std::size_t first = i - std::min(i, far), last = std::min(length - 1, i + far);

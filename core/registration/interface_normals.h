@@ -23,9 +23,9 @@ class InterfaceNormals {
     /// Unit normals, Dim values a site, of either sign. 0 where v changes by less than three tenths of its strongest
     /// change.
     std::vector<T> values;
-    /// How much v changes there, whatever way, as a share of the most within four sites along each axis: 1 on an
-    /// interface, however little slides there, and less beside it; 0 where there is no normal. Of what lies within the
-    /// lattice.
+    /// How much v changes there, whatever way, as a share of the most within four sites along each axis: 1 where it
+    /// changes most among its surroundings, even if by less than elsewhere, and less beside that; 0 where there is no
+    /// normal. At the border of what lies within the lattice, which the least change for a normal does not know of.
     std::vector<T> strengths;
     double oblique_share = 0;  ///< of the sites with a normal: those where it is more than 6 degrees off every axis
   };

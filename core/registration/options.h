@@ -94,8 +94,8 @@ struct RegistrationOptions {
     double even_sparsity = 1;
     /// 1: where first orders wait and oriented momenta are alone, their first weights come from how strongly order 0's
     /// velocity changes, in place of a path of even ones; 2: in place of the first reweighted round as well; -1: what
-    /// was measured (core/measurements.md, "First weights from the velocity"), 0 where the path or its weights are
-    /// given.
+    /// was measured (core/measurements.md, "First weights from the velocity"), 0 without
+    /// reweighted rounds and where the path or its weights are not the usual ones.
     int shear_weights = 0;
     int reweighted_rounds = 0;      ///< times that a level is solved again with weights made from the momenta found
     bool debias = false;            ///< a last round without sparsity on the momenta found

@@ -330,8 +330,8 @@ const std::vector<Parameter>& parameters() {
           "shear_weights", "", -1, 2,
           "1: where first orders wait and oriented momenta are alone, the first weights of these follow how strongly "
           "the velocity of order 0 changes where they are, in place of a path of even ones; 2: in place of the first "
-          "reweighted round as well; 0: they do not, -1: by similarity, dimension and preset, 0 where sparsity_path or "
-          "even_sparsity is given",
+          "reweighted round as well; 0: they do not, -1: by similarity, dimension and preset, 0 without reweighted "
+          "rounds and where sparsity_path or even_sparsity is not the usual one",
           [](O & o) -> auto& { return o.momenta.shear_weights; }),
       integer(
           "reweighted_rounds", "", 0, 10,
@@ -608,14 +608,14 @@ std::vector<std::string> problems(const RegistrationOptions& options) {
     found.push_back("parameter shear_weights is " + std::to_string(options.momenta.shear_weights) +
                     " and first_order_waits is false; order 0 has not settled before first orders begin, so let them "
                     "wait, or set shear_weights to 0");
-  if (options.momenta.shear_weights > 0 &&
-      (options.momenta.orientations == 0 || options.momenta.oriented_alone == 0 || options.momenta.oriented_alone == 1))
-    found.push_back(
-        "parameter shear_weights is " + std::to_string(options.momenta.shear_weights) + ", orientations " +
-        std::to_string(options.momenta.orientations) + " and oriented_alone " +
-        std::to_string(options.momenta.oriented_alone) +
-        "; it is for oriented momenta that are alone, so set orientations to -1 and oriented_alone to 2, or "
-        "shear_weights to 0");
+  if (options.momenta.shear_weights > 0 && (!is_zeroth_gaussian(options.model) || options.momenta.orientations == 0 ||
+                                            options.momenta.oriented_alone == 0 || options.momenta.oriented_alone == 1))
+    found.push_back("parameter shear_weights is " + std::to_string(options.momenta.shear_weights) + " with model " +
+                    to_string(options.model) + ", orientations " + std::to_string(options.momenta.orientations) +
+                    " and oriented_alone " + std::to_string(options.momenta.oriented_alone) +
+                    "; it is for oriented momenta that are alone, so choose model auto with orientations of -1 and "
+                    "oriented_alone 2, or "
+                    "shear_weights to 0");
   if (options.momenta.orientations > 0) {
     const std::string given = "parameter orientations is " + std::to_string(options.momenta.orientations);
     if (options.momenta.first_order_scales == 0 || options.model == Model::Directional)

@@ -25,10 +25,8 @@ struct SparsityRound {
 /// The rounds of a level: where first orders wait, one in which none appear; the path of weights lambda 2^(n-1), ..., 2
 /// lambda, lambda (`even_sparsity` times as much where reweighted rounds follow), then these, then the debiasing round.
 /// Where a coarser level `has_found` first orders, reweighted rounds know already where, and there is no path. Where
-/// none has and oriented momenta are alone, one round whose weights follow order 0's velocity takes the place of the
-/// path
-/// (`shear_weights` 1) and of the first reweighted one as well (2).
-/// Without first-order momenta one round.
+/// none has and oriented momenta are alone and wait, one round whose weights follow order 0's velocity takes the place
+/// of the path (`shear_weights` 1) and of the first reweighted one as well (2). Without first-order momenta one round.
 std::vector<SparsityRound> sparsity_rounds(const RegistrationOptions::Momenta& momenta, bool has_first_order,
                                            bool has_found);
 

@@ -112,7 +112,7 @@ std::string measured_from(const std::string& name, const ReportInput<Dim>& input
     return "from the similarity and the dimension, with ssd from the fixed image's contrast (full_contrast)";
   if (name == "shear_weights")
     return "from the similarity, the preset and the dimension, where oriented momenta are alone and wait for order 0, "
-           "and no path of weights is given";
+           "reweighted rounds follow and the path of weights is the usual one";
   if (name == "sparsity") return where_sparsity_is_from(*input.options);
   return "from the levels";
 }

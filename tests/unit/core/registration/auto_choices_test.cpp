@@ -133,16 +133,18 @@ TEST(AutoChoices, TakesFirstWeightsFromTheShearWhereThatWasMeasured) {
       given = usual;
       given.momenta.first_order_waits = true;
       given.momenta.shear_weights = 1;
+      given.momenta.oriented_alone = 2;
       EXPECT_EQ(weights(given, plane), 1);
+      RegistrationOptions beside_axes = given;
+      beside_axes.model = Model::Wendland1;
+      EXPECT_THAT(problems(beside_axes), ::testing::Contains(::testing::HasSubstr("with model wendland1")));
       given.momenta.oriented_alone = 1;
-      EXPECT_THAT(
-          problems(given),
-          ::testing::ElementsAre(::testing::HasSubstr("shear_weights is 1, orientations -1 and oriented_alone 1")));
+      EXPECT_THAT(problems(given), ::testing::ElementsAre(::testing::HasSubstr(
+                                       "shear_weights is 1 with model auto, orientations -1 and oriented_alone 1")));
       given.momenta.oriented_alone = 2;
       given.momenta.orientations = 0;
-      EXPECT_THAT(
-          problems(given),
-          ::testing::ElementsAre(::testing::HasSubstr("shear_weights is 1, orientations 0 and oriented_alone 2")));
+      EXPECT_THAT(problems(given), ::testing::ElementsAre(::testing::HasSubstr(
+                                       "shear_weights is 1 with model auto, orientations 0 and oriented_alone 2")));
       given.momenta.orientations = -1;
       given.momenta.first_order_waits = false;
       EXPECT_THAT(problems(given),

@@ -203,7 +203,7 @@ TEST(MemoryEstimate, IsABoundWhereElementsAreAlone) {
   }
   Case one(Model::Auto, SimilarityType::Lncc);
   one.options.momenta.first_order_shear = 1e-9;
-  one.options.momenta.sparsity = 1e-3;
+  one.options.momenta.sparsity = 1e-4;
   one.fill_pairs();
   Case beside = one;
   beside.options.momenta.oriented_alone = 1;

@@ -4,6 +4,7 @@
 #include <omp.h>
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <map>
 #include <numbers>
@@ -415,13 +416,13 @@ TEST(OrientedModel, DoesNotDependOnTheNumberOfThreads) {
 }
 
 // Normals come from where a round began, which is gone when it is taken up again.
-void expect_to_resume_with_the_same_end(RegistrationOptions options) {
+void expect_to_resume_with_the_same_end(RegistrationOptions options, RegistrationSummary* found = nullptr) {
   const Slip slip;
   options.optimisation.max_iterations = 9;
   options.optimisation.tolerance = 0;
   const RegistrationResult<2> whole = register_images<2>(slip.input, options);
   const int steps = static_cast<int>(whole.summary.history.size());
-  for (int stop : {steps / 3, steps / 2, steps - 4}) {
+  for (int stop : {steps / 3, steps / 2, steps - 13, steps - 4}) {
     std::string blob;
     int taken = 0;
     register_images<2>(slip.input, options,
@@ -440,6 +441,7 @@ void expect_to_resume_with_the_same_end(RegistrationOptions options) {
     }
   }
   EXPECT_GT(whole.summary.levels.back().oriented_elements, 0);
+  if (found) *found = whole.summary;
 }
 
 TEST(OrientedModel, ResumesWithTheSameEnd) { expect_to_resume_with_the_same_end(oriented_options()); }
@@ -479,10 +481,14 @@ TEST(OrientedModel, ResumesWithTheSameEndWithWeightsFromTheVelocity) {
   options.momenta.first_order_shear = 1e-9;
   options.momenta.oriented_alone = 2;
   options.momenta.oblique_share = 0;
-  for (int shear_weights : {1, 2}) {
+  std::array<RegistrationSummary, 3> with;
+  for (int shear_weights : {0, 1, 2}) {
     options.momenta.shear_weights = shear_weights;
-    expect_to_resume_with_the_same_end(options);
+    expect_to_resume_with_the_same_end(options, &with[static_cast<std::size_t>(shear_weights)]);
   }
+  EXPECT_EQ(with[1].levels.back().rounds, 3);
+  EXPECT_NE(with[1].levels.back().energy_after, with[0].levels.back().energy_after);
+  EXPECT_EQ(with[2].levels.back().rounds, 2);
 }
 
 // One element is turned from another normal than a new choice would take, as one with a momentum may be.

@@ -117,8 +117,8 @@ TEST(Choices, TellWhatALowContrastMakes) {
 
 TEST(Choices, TellWhereFirstWeightsAreFrom) {
   const std::string measured =
-      " (from the similarity, the preset and the dimension, where oriented momenta are alone and wait for order 0, and "
-      "no path of weights is given)";
+      " (from the similarity, the preset and the dimension, where oriented momenta are alone and wait for order 0, "
+      "reweighted rounds follow and the path of weights is the usual one)";
   EXPECT_EQ(said_of("shear_weights", Model::Auto, SimilarityType::Lncc), Lines{"1" + measured});
   EXPECT_EQ(said_of("shear_weights", Model::Auto, SimilarityType::Lncc, {}, Preset::Balanced), Lines{"2" + measured});
   EXPECT_EQ(said_of("shear_weights", Model::Auto, SimilarityType::Lncc, {{"shear_weights", "0"}}),
