@@ -87,7 +87,8 @@ InterfaceNormals<Dim, T>::InterfaceNormals(const Lattice<Dim>& lattice, const Fi
 }
 
 template <int Dim, class T>
-typename InterfaceNormals<Dim, T>::Normals InterfaceNormals<Dim, T>::on(const Lattice<Dim>& lattice) const {
+typename InterfaceNormals<Dim, T>::Normals InterfaceNormals<Dim, T>::on(const Lattice<Dim>& lattice,
+                                                                        bool with_strengths) const {
   std::vector<T> normals(Dim * lattice.sites()), strength(lattice.sites());
   const SitePlacement<Dim, T> place(lattice, lattice_);
   const auto tensor_at = [&](const Index<Dim>& index) {
@@ -131,7 +132,18 @@ typename InterfaceNormals<Dim, T>::Normals InterfaceNormals<Dim, T>::on(const La
     std::fill(n, n + Dim, T(0));
     strength[site] = 0;
   }
-  // At the border a part of the neighbourhood is not there, which says nothing of the rest.
+  if (with_strengths)
+    make_shares(lattice, strength);
+  else
+    strength = {};
+  return {std::move(normals), std::move(strength),
+          strong > 0 ? static_cast<double>(oblique) / static_cast<double>(strong) : 0.0};
+}
+
+/// Of what lies around, at the sites of `lattice`. At the border a part of the neighbourhood is not there, which says
+/// nothing of the rest.
+template <int Dim, class T>
+void InterfaceNormals<Dim, T>::make_shares(const Lattice<Dim>& lattice, std::vector<T>& strength) const {
   std::array<std::vector<double>, Dim> scale;
   for (std::size_t axis = 0; axis < Dim; ++axis)
     for (int i = 0; i < lattice.size[axis]; ++i) {
@@ -150,8 +162,6 @@ typename InterfaceNormals<Dim, T>::Normals InterfaceNormals<Dim, T>::on(const La
   const std::vector<T> most = largest_within<Dim>(lattice, strength, kBeside);
   for (std::size_t site = 0; site < strength.size(); ++site)
     if (strength[site] > T(0)) strength[site] /= most[site];
-  return {std::move(normals), std::move(strength),
-          strong > 0 ? static_cast<double>(oblique) / static_cast<double>(strong) : 0.0};
 }
 
 template <int Dim, class T>

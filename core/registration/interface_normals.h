@@ -26,16 +26,18 @@ class InterfaceNormals {
     /// How much v changes there, whatever way, as a share of the most within four sites along each axis: 1 where it
     /// changes most among its surroundings, even if by less than elsewhere, and less beside that; 0 where there is no
     /// normal. At the border of what lies within the lattice, which the least change for a normal does not know of.
-    std::vector<T> strengths;
+    std::vector<T> strengths;  ///< empty unless asked for
     double oblique_share = 0;  ///< of the sites with a normal: those where it is more than 6 degrees off every axis
   };
-  Normals on(const Lattice<Dim>& lattice) const;
+  Normals on(const Lattice<Dim>& lattice, bool with_strengths = false) const;
   /// Makes normals that are no more than 6 degrees off an axis 0: there the momenta m_i jump better, since theirs lie
   /// between the samples.
   static void leave_out_axes(std::vector<T>& normals);
 
  private:
   static constexpr int kPairs = Dim * (Dim + 1) / 2;
+  void make_shares(const Lattice<Dim>& lattice, std::vector<T>& strength) const;
+
   Lattice<Dim> lattice_;
   Field<T> tensor_;                              ///< upper triangle, row by row
   std::array<std::vector<double>, Dim> within_;  ///< share of the neighbourhood within the lattice, by index of an axis

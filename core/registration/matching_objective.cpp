@@ -226,7 +226,8 @@ bool MatchingObjective<Dim, T>::would_join(const std::vector<T>& x) {
 
 template <int Dim, class T>
 void MatchingObjective<Dim, T>::weigh(const SparsityRound& round, const std::vector<T>& x) {
-  if (set_.has_oriented()) set_.turn(InterfaceNormals<Dim, T>(flow_, starting_velocity(x)));
+  if (set_.has_oriented())
+    set_.turn(InterfaceNormals<Dim, T>(flow_, starting_velocity(x)), round.weights == SparsityRound::Weights::OfShear);
   set_.weigh(round, x);
 }
 

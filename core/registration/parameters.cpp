@@ -614,8 +614,7 @@ std::vector<std::string> problems(const RegistrationOptions& options) {
                     to_string(options.model) + ", orientations " + std::to_string(options.momenta.orientations) +
                     " and oriented_alone " + std::to_string(options.momenta.oriented_alone) +
                     "; it is for oriented momenta that are alone, so choose model auto with orientations of -1 and "
-                    "oriented_alone 2, or "
-                    "shear_weights to 0");
+                    "oriented_alone 2, or set shear_weights to 0");
   if (options.momenta.orientations > 0) {
     const std::string given = "parameter orientations is " + std::to_string(options.momenta.orientations);
     if (options.momenta.first_order_scales == 0 || options.model == Model::Directional)

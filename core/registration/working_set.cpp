@@ -341,13 +341,13 @@ bool WorkingSet<Dim, T>::has_oriented() const {
 }
 
 template <int Dim, class T>
-void WorkingSet<Dim, T>::turn(const InterfaceNormals<Dim, T>& interface) {
+void WorkingSet<Dim, T>::turn(const InterfaceNormals<Dim, T>& interface, bool is_for_weights) {
   std::vector<typename InterfaceNormals<Dim, T>::Normals> found(oriented_.size());
   bool has_elements = false;
   oblique_share_ = 0;
   for (std::size_t s = 0; s < oriented_.size(); ++s) {
     if (!oriented_[s].momenta) continue;
-    found[s] = interface.on(oriented_[s].momenta->lattice());
+    found[s] = interface.on(oriented_[s].momenta->lattice(), is_for_weights);
     oblique_share_ = std::max(oblique_share_, found[s].oblique_share);
     has_elements = has_elements || !oriented_[s].active.empty();
   }

@@ -84,9 +84,9 @@ class WorkingSet {
 
   bool has_oriented() const;
   /// Turns the elements to the interface where there is one; what x says of elements is from then on said of other
-  /// normals. The next `weigh` may follow how strongly the velocity changes at them. While there are no elements yet,
-  /// only where enough of it is oblique, see `want_oblique`.
-  void turn(const InterfaceNormals<Dim, T>& interface);
+  /// normals. `is_for_weights`: the next `weigh` is to follow how strongly the velocity changes at them. While there
+  /// are no elements yet, only where enough of it is oblique, see `want_oblique`.
+  void turn(const InterfaceNormals<Dim, T>& interface, bool is_for_weights = false);
   /// Elements begin only where at least this share of the interface is oblique: along axes the m_i are better. 0 unless
   /// said.
   void want_oblique(double share) { least_oblique_share_ = share; }

@@ -34,7 +34,7 @@ void expect_the_normal_of_a_step(const Vector<Dim>& normal, bool is_oblique, boo
     visit_slab<Dim>(lattice, slab, [&](const Index<Dim>& index, std::size_t site) {
       for (int c = 0; c < Dim; ++c) velocity[Dim * site + c] = std::tanh(distance(index) / 2) * jump[c];
     });
-  auto found = InterfaceNormals<Dim, double>(lattice, velocity).on(lattice);
+  auto found = InterfaceNormals<Dim, double>(lattice, velocity).on(lattice, true);
   std::vector<double>& normals = found.values;
   EXPECT_NEAR(found.oblique_share, is_oblique ? 1 : 0, 0.1);
   if (leaves_out) InterfaceNormals<Dim, double>::leave_out_axes(normals);
@@ -82,7 +82,7 @@ TEST(InterfaceNormals, StandOutFromWhatIsAroundThem) {
     for (int x = 0; x < 64; ++x)
       velocity[2 * static_cast<std::size_t>(64 * y + x) + 1] =
           std::tanh((x - 16) / 2.0) + 0.5 * std::tanh((x - 47) / 2.0);
-  const std::vector<double> strengths = InterfaceNormals<2, double>(lattice, velocity).on(lattice).strengths;
+  const std::vector<double> strengths = InterfaceNormals<2, double>(lattice, velocity).on(lattice, true).strengths;
   for (int y = 0; y < 32; ++y) {
     const double* row = strengths.data() + 64 * y;
     EXPECT_NEAR(row[16], 1, 1e-9) << y;
@@ -101,7 +101,7 @@ TEST(InterfaceNormals, LeaveTheAxesToThemselves) {
 TEST(InterfaceNormals, AreNoneWhereNothingMoves) {
   const Lattice<2> lattice{{9, 9}, {1, 1}, {}};
   const Field<float> still(2 * lattice.sites(), 0.5f);
-  const auto found = InterfaceNormals<2, float>(lattice, still).on(lattice);
+  const auto found = InterfaceNormals<2, float>(lattice, still).on(lattice, true);
   for (float value : found.values) EXPECT_EQ(value, 0);
   for (float value : found.strengths) EXPECT_EQ(value, 0);
   EXPECT_EQ(found.oblique_share, 0);

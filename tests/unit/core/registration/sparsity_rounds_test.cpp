@@ -224,8 +224,10 @@ TEST(SparsityWeights, FollowTheShearWhereTheVelocityIsToShowWhereElementsAre) {
       velocity[2 * static_cast<std::size_t>(y * lattice.size[0] + x) + 1] =
           std::tanh((x - 11.5) / 2.0) * (1 - 0.04 * y);
   const InterfaceNormals<2, double> interface(lattice, velocity);
-  const std::vector<double> strengths = interface.on(lattice).strengths;
+  const std::vector<double> strengths = interface.on(lattice, true).strengths;
   set.turn(interface);
+  EXPECT_THROW(set.weigh({Weights::OfShear, 1}, std::vector<double>(set.size(), 0.0)), std::logic_error);
+  set.turn(interface, true);
   set.weigh({Weights::OfShear, 1}, std::vector<double>(set.size(), 0.0));
   ASSERT_EQ(set.weights().size(), 3u);
   EXPECT_TRUE(set.weights()[0].empty() && set.weights()[1].empty());
@@ -249,7 +251,7 @@ TEST(SparsityWeights, OfShearAreEvenWhereNothingMoves) {
   Scales scene(1, 8);
   const Lattice<2>& lattice = scene.scales[0]->lattice();
   WorkingSet<2, double> set(scene.scales, 1e-3, 0.5);
-  set.turn(InterfaceNormals<2, double>(lattice, Field<double>(2 * lattice.sites())));
+  set.turn(InterfaceNormals<2, double>(lattice, Field<double>(2 * lattice.sites())), true);
   set.weigh({Weights::OfShear, 1}, std::vector<double>(set.size(), 0.0));
   for (const std::vector<float>& list : set.weights()) EXPECT_TRUE(list.empty());
 }
