@@ -262,6 +262,11 @@ const std::vector<Field<T>>& MatchingObjective<Dim, T>::velocities(const std::ve
 }
 
 template <int Dim, class T>
+const Field<T>& MatchingObjective<Dim, T>::displacement(const std::vector<T>& x) {
+  return map_.follow(velocities(x));
+}
+
+template <int Dim, class T>
 std::vector<double> MatchingObjective<Dim, T>::hamiltonians(const std::vector<T>& x) {
   return shooting_.hamiltonians(set_.pointers(x));
 }

@@ -91,6 +91,9 @@ class MatchingObjective final : public Objective<T> {
   const Field<T>& starting_velocity(const std::vector<T>& x);
   /// Shoots from x and gives the velocities of all nodes.
   const std::vector<Field<T>>& velocities(const std::vector<T>& x);
+  /// The displacement that x makes, phi_1^-1(y) - y in mm on flow_lattice(), interleaved; valid until the next
+  /// evaluation. What is asked of the last one (noise_gradient) is to be asked before.
+  const Field<T>& displacement(const std::vector<T>& x);
   std::vector<double> hamiltonians(const std::vector<T>& x);
 
   /// Sets the sparsity weights for a round that starts from x, and whether blocks may join in it; turns oriented

@@ -46,7 +46,7 @@ struct RegistrationOptions {
     std::vector<KernelWidth> kernel_widths;  ///< kernel of the scales that have order 0 as a sum of widths; empty:
                                              ///< width_voxels, and where that is 0 what it stands for
     /// While order 0 is alone, its finest scale counts all widths of kernel_widths but the widest a fifth if the
-    /// velocity of the next coarser level is simple shear to less than this (simple_shear.h): they are for what is
+    /// displacement of the next coarser level is simple shear to less than this (simple_shear.h): they are for what is
     /// sharp; 0: never; -1: what was measured, 0 where kernel_widths or width_voxels is given (core/measurements.md,
     /// "Widths").
     double narrow_width_shear = 0;
@@ -70,7 +70,7 @@ struct RegistrationOptions {
     double coarser_regularisation = 1;
     /// That, once first orders take part; 0: no other, but for auto where the preset is not fast ten times as much with
     /// lncc, three times with mi and ngf and in 2-D twice with mind, but in 3-D with balanced, where first orders are
-    /// asked for, three times with lncc and once with ngf (core/measurements.md, "Regularisation"). Given alone it is
+    /// asked for, five times with lncc and once with ngf (core/measurements.md, "Regularisation"). Given alone it is
     /// that of plain slips as well, and with lncc and ngf in 3-D more shear is asked of all.
     double regularisation_beside_first = 0;
     /// That instead, where it was a plain slip that let them in: early (plain_shear) or in the end
@@ -100,8 +100,9 @@ struct RegistrationOptions {
     int reweighted_rounds = 0;      ///< times that a level is solved again with weights made from the momenta found
     bool debias = false;            ///< a last round without sparsity on the momenta found
     std::vector<double> direction;  ///< of the derivative of model directional: a unit vector, world (LPS)
-    /// On each level order 1 takes part only if the velocity of order 0, settled alone, is simple shear to so much
-    /// (simple_shear.h); 0: always; -1: what was measured (core/measurements.md, "Only where it slides").
+    /// On each level order 1 takes part only if the displacement of order 0, settled alone, is simple shear to so
+    /// much, as it is or less what most of the image does (simple_shear.h); 0: always; -1: what was measured
+    /// (core/measurements.md, "Only where it slides").
     double first_order_shear = 0;
     /// With so much of it early on a level order 0 need not settle first; 0: it always does; -1: what was measured
     /// (core/measurements.md, "Only where it slides").

@@ -240,8 +240,8 @@ const std::vector<Parameter>& parameters() {
       real(
           "narrow_width_shear", "", -1, Lower::Inclusive, inf,
           "while order 0 is alone, its finest scale counts all widths of kernel_widths but the widest a fifth if the "
-          "velocity of the next coarser level is simple shear to less than this; 0: never, -1 (and nothing else below "
-          "0): by similarity and dimension, 0 where kernel_widths or width_voxels is given",
+          "displacement of the next coarser level is simple shear to less than this (as first_order_shear); 0: never, "
+          "-1 (and nothing else below 0): by similarity and dimension, 0 where kernel_widths or width_voxels is given",
           [](O & o) -> auto& { return o.momenta.narrow_width_shear; }),
       real(
           "narrower_pull", "", -1, Lower::Inclusive, inf,
@@ -280,7 +280,7 @@ const std::vector<Parameter>& parameters() {
           "regularisation_beside_first", "per mm^2", 0, Lower::Inclusive, inf,
           "weight of the order-0 part once first orders take part; 0: that of regularisation, or what full_contrast "
           "says, and for auto, but fast, ten times that with lncc, three times with mi and ngf, in 2-D twice with "
-          "mind, but in 3-D with balanced three times with lncc and once with ngf where first_order_shear asks. Given "
+          "mind, but in 3-D with balanced five times with lncc and once with ngf where first_order_shear asks. Given "
           "alone it is that of plain slips as well, and with lncc and ngf more is asked of all",
           [](O & o) -> auto& { return o.momenta.regularisation_beside_first; }),
       real(
@@ -348,21 +348,21 @@ const std::vector<Parameter>& parameters() {
           [](O & o) -> auto& { return o.momenta.direction; }),
       real(
           "first_order_shear", "", -1, Lower::Inclusive, inf,
-          "order 1 takes part only where the velocity of order 0, settled alone, is simple shear to so much (smooth "
-          "motion mostly has 1 to 5); 0: always, -1 (and nothing else below 0): by similarity, dimension and preset, "
-          "and whether regularisation_beside_first alone is given",
+          "order 1 takes part only where the displacement of order 0, settled alone, is simple shear to so much, as it "
+          "is or less what most of the image does (smooth motion mostly has 1 to 5); 0: always, -1 (and nothing else "
+          "below 0): by similarity, dimension and preset, and whether regularisation_beside_first alone is given",
           [](O & o) -> auto& { return o.momenta.first_order_shear; }),
       real(
           "plain_shear", "", -1, Lower::Inclusive, inf,
           "order 1 takes part without waiting for order 0 to settle where that shows so much simple shear after three "
           "iterations of a level; 0: always waits, -1 (and nothing else below 0): twice first_order_shear where that "
-          "is known to cost nothing, 4/3 of it where order 0 is slow to settle, otherwise 0; of 10.6 with lncc and 9.5 "
-          "with ngf at least where regularisation_beside_plain goes with it",
+          "is known to cost nothing, 1.6 times where order 0 is slow to settle, otherwise 0; at least 24 where "
+          "regularisation_beside_plain goes with it",
           [](O & o) -> auto& { return o.momenta.plain_shear; }),
       real(
           "settled_plain_shear", "", -1, Lower::Inclusive, inf,
           "a slip is plain as well, for regularisation_beside_plain, where order 0 that has settled shows so much "
-          "simple shear; 0: none is, -1 (and nothing else below 0): for auto with balanced in 3-D 12 with lncc and 9.5 "
+          "simple shear; 0: none is, -1 (and nothing else below 0): for auto with balanced in 3-D 16 with lncc and 12 "
           "with ngf unless regularisation_beside_first alone is given, otherwise 0",
           [](O & o) -> auto& { return o.momenta.settled_plain_shear; }),
       real(

@@ -20,7 +20,7 @@ namespace saltus {
 ///
 /// While no first-order momentum exists and none may appear, order 0 is alone: all velocities are smooth, and momenta,
 /// flow and map live on a coarser lattice than the images (flow.coarsening). With momenta.first_order_shear each level
-/// begins so, and its velocity then tells whether first orders are worth it; once they were, all finer levels have
+/// begins so, and its displacement then tells whether first orders are worth it; once they were, all finer levels have
 /// them. Where they were not on the finest one, order 0 may get finer scales and be asked again (momenta.finer_shear).
 /// With all of its scales it may get a narrower one (momenta.narrower_pull).
 template <int Dim>
@@ -66,6 +66,7 @@ class PyramidRun {
   void choose_map_steps();
   void ask_for_narrow_widths();
   double narrow_share() const;
+  double shear_reached();
   bool shows_slip(double least_shear);
   bool first_orders_are_worth_it();
   bool may_be_finer() const;

@@ -11,11 +11,21 @@ constexpr int kEarlyLook = 3;
 
 }  // namespace
 
-/// Whether the velocity of order 0, which is alone, shows at least so much simple shear, and first orders want to be
-/// there.
+/// Simple shear of what the momenta reached make: as it is or beside what most of the image does, whichever shows more.
+/// The former is hidden where the image turns as a whole, the latter where what slides is a large part of it.
+template <int Dim>
+double PyramidRun<Dim>::shear_reached() {
+  const Lattice<Dim>& lattice = objective_->flow_lattice();
+  const Field<Scalar>& displacement = objective_->displacement(reached_.minimiser.x);
+  return std::max(simple_shear(lattice, displacement),
+                  simple_shear(lattice, displacement, usual_derivative(lattice, displacement)));
+}
+
+/// Whether the displacement of order 0, which is alone, shows at least so much simple shear, and first orders want to
+/// be there.
 template <int Dim>
 bool PyramidRun<Dim>::shows_slip(double least_shear) {
-  level_.simple_shear = simple_shear(objective_->flow_lattice(), objective_->starting_velocity(reached_.minimiser.x));
+  level_.simple_shear = shear_reached();
   return level_.simple_shear >= least_shear && (!options_.momenta.first_order_waits || would_join());
 }
 
@@ -35,7 +45,8 @@ MinimiseSummary PyramidRun<Dim>::minimise_until_plain() {
   return minimise_as(how_);
 }
 
-/// After the round in which order 0 was alone: whether its velocity shows something that slides. First orders that do
+/// After the round in which order 0 was alone: whether its displacement shows something that
+/// slides. First orders that do
 /// not wait begin where the level began.
 template <int Dim>
 bool PyramidRun<Dim>::first_orders_are_worth_it() {
@@ -99,6 +110,7 @@ void PyramidRun<Dim>::begin_beside_first_orders() {
 }
 
 #define SALTUS_FIRST_ORDERS(DIM)                                    \
+  template double PyramidRun<DIM>::shear_reached();                 \
   template MinimiseSummary PyramidRun<DIM>::minimise_until_plain(); \
   template bool PyramidRun<DIM>::first_orders_are_worth_it();       \
   template bool PyramidRun<DIM>::would_join();                      \

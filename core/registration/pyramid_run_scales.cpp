@@ -1,6 +1,5 @@
 #include "core/registration/narrower_scale.h"
 #include "core/registration/pyramid_run.h"
-#include "core/registration/simple_shear.h"
 
 #include <algorithm>
 #include <cmath>
@@ -21,7 +20,7 @@ void PyramidRun<Dim>::ask_for_narrow_widths() {
   const int next = levels_[step_ + 1];
   if (levels_[step_] <= momenta.finest_scale || next > momenta.finest_scale) return;
   if (has_first_at(next) && !decides_at(next)) return;
-  shear_before_ = simple_shear(objective_->flow_lattice(), objective_->starting_velocity(reached_.minimiser.x));
+  shear_before_ = shear_reached();
 }
 
 /// What narrow widths count in the finest scale of order 0 as long as there are no first orders beside it.
@@ -79,8 +78,8 @@ bool PyramidRun<Dim>::is_at_rest() const {
 }
 
 /// Whether order 0, alone and at rest with all of its scales, on the level that is as fine as these (the finest one or
-/// the one before), may get one more. Where first orders are for finer levels alone its velocity must not show what
-/// they are for.
+/// the one before), may get one more. Where first orders are for finer levels alone its displacement must not show
+/// what they are for.
 template <int Dim>
 bool PyramidRun<Dim>::may_be_narrower() {
   const RegistrationOptions::Momenta& asked = options_.momenta;
@@ -89,7 +88,7 @@ bool PyramidRun<Dim>::may_be_narrower() {
   const bool has_all = level_.has_finer || (ends_here && !has_more_to_come);
   if (asked.narrower_pull == 0 || !has_all || !is_at_rest()) return false;
   if (has_first_) return true;
-  level_.simple_shear = simple_shear(objective_->flow_lattice(), objective_->starting_velocity(reached_.minimiser.x));
+  level_.simple_shear = shear_reached();
   return level_.simple_shear < asked.first_order_shear;
 }
 

@@ -60,8 +60,8 @@ struct LevelSummary {
   double active_block_share = 0;  ///< at the end: blocks of first-order momenta that were stored, of all there are
   double kept_out_share = 0;      ///< most of all blocks that momenta.most_active_share had no room for at a time
   FirstOrderDecision decision = FirstOrderDecision::None;
-  double simple_shear = 0;  ///< of the velocity that it rests on, see simple_shear.h; where there is no decision, that
-                            ///< whether a narrower scale is asked for rests on, 0: it was not looked at
+  double simple_shear = 0;  ///< of the displacement that it rests on, see simple_shear.h; where there is no decision,
+                            ///< that whether a narrower scale is asked for rests on, 0: it was not looked at
   bool has_finer = false;  ///< that order 0 had the scales by then that it leaves to first orders (momenta.finer_shear)
   bool was_plain = false;  ///< that order 0 had not settled by then, nor needed to
   double shear_before = -1;   ///< simple shear that the level before ended with; -1: narrow_width_shear did not ask

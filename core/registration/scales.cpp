@@ -38,10 +38,10 @@ double in_few_digits(double value) {
 /// Voxels that 3-D images are taken at every second of.
 bool is_fine(double reference_mm) { return 2 * reference_mm <= 3; }
 
-/// What a velocity has at least where order 0 needs narrow widths, see simple_shear; measured, core/measurements.md,
+/// What a displacement has at least where order 0 needs narrow widths, see simple_shear; measured, core/measurements.md,
 /// "Widths". In 3-D 4.5 is that of chance which keeps volumes.
 double sharp_shear(int dimension, SimilarityType similarity) {
-  return dimension == 3 && similarity == SimilarityType::Lncc ? 4.5 : 0;
+  return dimension == 3 && similarity == SimilarityType::Lncc ? 4.8 : 0;
 }
 
 /// How many times the lambda of sliding auto has, whose momenta of oblique interfaces are oriented;

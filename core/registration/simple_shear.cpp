@@ -1,6 +1,7 @@
 #include "core/registration/simple_shear.h"
 
 #include "core/registration/velocity_derivative.h"
+#include "core/support/ranking.h"
 
 #include <cmath>
 #include <vector>
@@ -8,7 +9,24 @@
 namespace saltus {
 
 template <int Dim, class T>
-double simple_shear(const Lattice<Dim>& lattice, const Field<T>& velocity) {
+Matrix<Dim> usual_derivative(const Lattice<Dim>& lattice, const Field<T>& field) {
+  const FieldDerivative<Dim, T> derivative(lattice, field);
+  Field<T> entries(lattice.sites());
+  Matrix<Dim> usual;
+  for (int axis = 0; axis < Dim; ++axis)
+    for (int c = 0; c < Dim; ++c) {
+#pragma omp parallel for schedule(static)
+      for (int slab = 0; slab < lattice.size[Dim - 1]; ++slab)
+        visit_slab<Dim>(lattice, slab, [&](const Index<Dim>& index, std::size_t site) {
+          entries[site] = derivative.entry(index, site, c, axis);
+        });
+      usual(c, axis) = static_cast<double>(ranking_of(entries.size(), entries.data()).at(entries.size() / 2));
+    }
+  return usual;
+}
+
+template <int Dim, class T>
+double simple_shear(const Lattice<Dim>& lattice, const Field<T>& field, const Matrix<Dim>& usual) {
   constexpr double most = 1e6;
   struct Sums {
     double fourth = 0, square = 0;
@@ -17,8 +35,8 @@ double simple_shear(const Lattice<Dim>& lattice, const Field<T>& velocity) {
 #pragma omp parallel for schedule(static)
   for (int slab = 0; slab < lattice.size[Dim - 1]; ++slab) {
     Sums sums;
-    visit_derivatives<Dim>(lattice, velocity, slab, [&](std::size_t, const Eigen::Matrix<T, Dim, Dim>& derivative) {
-      const Eigen::Matrix<double, Dim, Dim> d = derivative.template cast<double>();
+    visit_derivatives<Dim>(lattice, field, slab, [&](std::size_t, const Eigen::Matrix<T, Dim, Dim>& derivative) {
+      const Matrix<Dim> d = derivative.template cast<double>() - usual;
       const double squared_norm = d.squaredNorm();
       sums.fourth += squared_norm * squared_norm;
       sums.square += (d * d).squaredNorm();
@@ -34,9 +52,13 @@ double simple_shear(const Lattice<Dim>& lattice, const Field<T>& velocity) {
   return all.square * most > all.fourth ? all.fourth / all.square : most;
 }
 
-template double simple_shear(const Lattice<2>&, const Field<float>&);
-template double simple_shear(const Lattice<3>&, const Field<float>&);
-template double simple_shear(const Lattice<2>&, const Field<double>&);
-template double simple_shear(const Lattice<3>&, const Field<double>&);
+#define SALTUS_SIMPLE_SHEAR(DIM, T)                                            \
+  template Matrix<DIM> usual_derivative(const Lattice<DIM>&, const Field<T>&); \
+  template double simple_shear(const Lattice<DIM>&, const Field<T>&, const Matrix<DIM>&);
+SALTUS_SIMPLE_SHEAR(2, float)
+SALTUS_SIMPLE_SHEAR(3, float)
+SALTUS_SIMPLE_SHEAR(2, double)
+SALTUS_SIMPLE_SHEAR(3, double)
+#undef SALTUS_SIMPLE_SHEAR
 
 }  // namespace saltus

@@ -18,28 +18,25 @@ bool tells_plain(int dimension, const RegistrationOptions& options) {
          (options.similarity == SimilarityType::Lncc || options.similarity == SimilarityType::Ngf);
 }
 
-/// In 3-D: what is asked where they are not told apart, and order 0 is held as beside plain ones.
-constexpr double kShearOfLncc = 10.6, kShearOfNgf = 9.5;
-
-/// What the velocity of order 0 has at least where something slides, see simple_shear; core/measurements.md, "Only
+/// What the displacement of order 0 has at least where something slides, see simple_shear; core/measurements.md, "Only
 /// where it slides". In 3-D images first orders that hold order 0 back cost much with lncc and, with accurate, with ngf
 /// and mind, and bring little where much else than shear is seen; order 0 that has not settled (fast) shows less.
 double least_shear(int dimension, const RegistrationOptions& options) {
+  constexpr double slides = 5;
   if (dimension == 2) return 6;
-  if (tells_plain(dimension, options)) return 5.5;
+  if (tells_plain(dimension, options)) return slides;
   switch (options.similarity) {
     case SimilarityType::Lncc:
-      return kShearOfLncc;
+      return 12;
     case SimilarityType::Ngf:
     case SimilarityType::Mind:
-      return options.preset == Preset::Fast ? 5.5 : kShearOfNgf;
+      return options.preset == Preset::Fast ? slides : options.preset == Preset::Balanced ? 10 : 12;
     case SimilarityType::Ssd:
-      return 4.9;
     case SimilarityType::Ncc:
     case SimilarityType::Mi:
-      return 5.5;
+      return slides;
   }
-  return 5.5;
+  return slides;
 }
 
 constexpr double kStifferWithLncc = 10;
@@ -53,7 +50,7 @@ Stiffer stiffer(int dimension, const RegistrationOptions& options) {
   const bool is_told = tells_plain(dimension, options);
   switch (options.similarity) {
     case SimilarityType::Lncc:
-      return {is_told ? 3 : kStifferWithLncc, kStifferWithLncc};
+      return {is_told ? 5 : kStifferWithLncc, kStifferWithLncc};
     case SimilarityType::Ngf:
       return {is_told ? 1.0 : 3.0, 3};
     case SimilarityType::Mi:
@@ -95,7 +92,7 @@ bool is_slow_to_settle(const RegistrationOptions& options) {
 
 /// What it has at least, early on a level, where order 0 need not settle first: where first orders do not wait for it
 /// (ssd), with lncc in 3-D where it goes on beside them with a larger weight, and where it is slow to settle, as
-/// measured. Breathing has up to 1.7 times as much early as at the end; core/measurements.md, "Only where it slides"
+/// measured. Breathing has up to twice as much early as at the end; core/measurements.md, "Only where it slides"
 /// and "mi, ngf and mind".
 double plain_shear(int dimension, const RegistrationOptions& options) {
   const RegistrationOptions::Momenta& momenta = options.momenta;
@@ -105,15 +102,15 @@ double plain_shear(int dimension, const RegistrationOptions& options) {
   const bool is_free = !momenta.first_order_waits || is_stiffer;
   if (!is_free && !is_slow_to_settle(options)) return 0;
   // Where less is asked of slips that are not plain, no less is of those that are.
-  const double asked =
-      is_told ? std::max(momenta.first_order_shear, is_lncc ? kShearOfLncc : kShearOfNgf) : momenta.first_order_shear;
-  return std::min((is_free ? 2 : 4.0 / 3) * asked, std::numeric_limits<double>::max());  // finite
+  constexpr double plain = 24;
+  const double asked = (is_free ? 2 : 1.6) * momenta.first_order_shear;
+  return std::min(is_told ? std::max(asked, plain) : asked, std::numeric_limits<double>::max());  // finite
 }
 
 /// What it has at least in the end, where the slip is plain; core/measurements.md, "Slips that are not plain".
 double settled_plain_shear(int dimension, const RegistrationOptions& options) {
   if (!tells_plain(dimension, options)) return 0;
-  return options.similarity == SimilarityType::Lncc ? 12 : kShearOfNgf;
+  return options.similarity == SimilarityType::Lncc ? 16 : 12;
 }
 
 /// With ssd in 3-D the same once order 0 has all scales. In 2-D a Gaussian of so many pixels follows noise, and smooth

@@ -225,6 +225,7 @@ TEST(MatchingObjective, WarpsWithTheMapOfACoarserFlow) {
   warp_level<2, double>(level, {displacement.data()}, warped, weights);
   EXPECT_NEAR(similarity()->evaluate(level.fixed.data(), warped.data(), nullptr, image_dual.data(), nullptr), found,
               1e-10 * found);
+  EXPECT_EQ(objective.displacement(x), coarse);
 }
 
 // Only component i of m_i opens or closes: it gets no gradient, and all others theirs.

@@ -4,10 +4,12 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
 #include <limits>
 #include <numbers>
 #include <random>
+#include <vector>
 
 namespace saltus {
 namespace {
@@ -122,14 +124,73 @@ TEST(SimpleShear, TellsALayerFromWhatMovesSmoothlyBesides) {
   EXPECT_GT(with_jump(12), 5);
 }
 
-TEST(SimpleShear, DoesNotDependOnTheNumberOfThreads) {
+template <class T>
+Field<T> noise(std::size_t count) {
   std::mt19937 random(2);
-  std::normal_distribution<float> normal;
-  Field<float> velocity(3 * block.sites());
-  for (float& value : velocity) value = normal(random);
+  std::normal_distribution<T> normal;
+  Field<T> values(count);
+  for (T& value : values) value = normal(random);
+  return values;
+}
+
+/// Sorted by others, from differences that are written out here.
+template <int Dim, class T>
+void expect_medians(const Lattice<Dim>& lattice) {
+  const Field<T> field = noise<T>(Dim * lattice.sites());
+  const Matrix<Dim> usual = usual_derivative(lattice, field);
+  for (int axis = 0; axis < Dim; ++axis)
+    for (int c = 0; c < Dim; ++c) {
+      std::vector<T> entries;
+      for (int slab = 0; slab < lattice.size[Dim - 1]; ++slab)
+        visit_slab<Dim>(lattice, slab, [&](const Index<Dim>& index, std::size_t) {
+          const auto at = [&](int step) {
+            Index<Dim> other = index;
+            other[axis] = std::clamp(other[axis] + step, 0, lattice.size[axis] - 1);
+            std::size_t site = 0;
+            for (int a = Dim - 1; a >= 0; --a) site = site * lattice.size[a] + other[a];
+            return std::pair(field[Dim * site + c], other[axis]);
+          };
+          const auto [above, last] = at(1);
+          const auto [below, first] = at(-1);
+          entries.push_back(last == first ? T(0)
+                                          : (above - below) / static_cast<T>((last - first) * lattice.spacing[axis]));
+        });
+      std::sort(entries.begin(), entries.end());
+      EXPECT_EQ(usual(c, axis), entries[entries.size() / 2]) << c << " along " << axis;
+    }
+}
+
+TEST(UsualDerivative, IsTheMedianOfEachEntry) {
+  expect_medians<2, float>(plane);
+  expect_medians<2, double>(plane);
+  expect_medians<3, float>(block);
+  expect_medians<3, double>({{5, 1, 4}, {1, 2, 0.75}, {}});
+}
+
+// As it would be seen if the frame did not turn and stretch.
+TEST(UsualDerivative, OfAFrameThatTurnsHidesNoSlip) {
+  const Lattice<3> image{{24, 24, 24}, {1, 2, 1.5}, {}};
+  Matrix<3> turn;
+  turn << 0.05, -0.2, 0.1, 0.2, -0.05, 0, -0.1, 0.03, 0.02;
+  Field<double> slip(3 * image.sites()), turned = affine(image, turn);
+  for (int slab = 0; slab < image.size[2]; ++slab)
+    visit_slab<3>(image, slab, [&](const Index<3>& index, std::size_t site) {
+      const double along = 2 * std::tanh((0.6 * index[0] + 0.8 * index[1] * 2 - 26) / 3);
+      slip[3 * site] = 0.8 * along;
+      slip[3 * site + 1] = -0.6 * along;
+    });
+  for (std::size_t i = 0; i < slip.size(); ++i) turned[i] += slip[i];
+  const double seen = simple_shear(image, slip, usual_derivative(image, slip));
+  EXPECT_GT(seen, 100);
+  EXPECT_LT(simple_shear(image, turned), 4);
+  EXPECT_NEAR(simple_shear(image, turned, usual_derivative(image, turned)), seen, 1e-6 * seen);
+}
+
+TEST(SimpleShear, DoesNotDependOnTheNumberOfThreads) {
+  const Field<float> velocity = noise<float>(3 * block.sites());
   const auto with = [&](int threads) {
     const ThreadCount count(threads);
-    return simple_shear(block, velocity);
+    return simple_shear(block, velocity, usual_derivative(block, velocity));
   };
   EXPECT_EQ(with(1), with(2));
   EXPECT_EQ(with(1), with(5));

@@ -142,21 +142,21 @@ TEST(Choices, TellTheRegularisationInUse) {
 
 TEST(Choices, TellWhatIsAskedOfTheShearOfOrderZero) {
   const std::string measured = " (from the similarity, the dimension and the preset, for which it was measured)";
-  EXPECT_EQ(said_of("first_order_shear", Model::Auto, SimilarityType::Mi), Lines{"5.5" + measured});
-  EXPECT_EQ(said_of("first_order_shear", Model::Auto, SimilarityType::Ngf), Lines{"9.5" + measured});
+  EXPECT_EQ(said_of("first_order_shear", Model::Auto, SimilarityType::Mi), Lines{"5" + measured});
+  EXPECT_EQ(said_of("first_order_shear", Model::Auto, SimilarityType::Ngf), Lines{"12" + measured});
   EXPECT_EQ(said_of("first_order_shear", Model::Auto, SimilarityType::Ngf, {}, Preset::Balanced),
-            Lines{"5.5" + measured});
+            Lines{"5" + measured});
   EXPECT_EQ(said_of("plain_shear", Model::Auto, SimilarityType::Ssd),
-            Lines{"9.8 (by first_order_shear, where order 0 need not settle first: from the similarity, the dimension, "
+            Lines{"10 (by first_order_shear, where order 0 need not settle first: from the similarity, the dimension, "
                   "the preset and its weight beside first orders)"});
   EXPECT_EQ(said_of("settled_plain_shear", Model::Auto, SimilarityType::Lncc, {}, Preset::Balanced),
-            Lines{"12" + measured});
+            Lines{"16" + measured});
   const std::string of_all =
       " (from the similarity, the dimension and the preset, for which it was measured, with one "
       "weight beside all slips (regularisation_beside_first))";
   EXPECT_EQ(said_of("first_order_shear", Model::Auto, SimilarityType::Lncc, {{"regularisation_beside_first", "0.0003"}},
                     Preset::Balanced),
-            Lines{"10.6" + of_all});
+            Lines{"12" + of_all});
 }
 
 TEST(Choices, TellOfWhichRangeTheNoiseIsUnlessTheJobGaveIt) {
@@ -192,7 +192,7 @@ TEST(Choices, TellWhetherFirstOrderMomentaWereLetInAndWhy) {
   const auto is = [&](const char* value, const char* shear, const char* end) {
     return Contains(AllOf(
         named, Field(&Choice::value, value),
-        Field(&Choice::why, AllOf(HasSubstr("shear of its velocity was " + std::string(shear) + " (asked: 4.5): "),
+        Field(&Choice::why, AllOf(HasSubstr("shear of its displacement was " + std::string(shear) + " (asked: 4.5): "),
                                   HasSubstr(std::string("): ") + end)))));
   };
   level.simple_shear = 12.5;
@@ -217,17 +217,17 @@ TEST(Choices, TellWhetherFirstOrderMomentaWereLetInAndWhy) {
   level.was_plain = true;
   scene.result.options.momenta.plain_shear = 9.5;
   EXPECT_THAT(line(), Contains(AllOf(named, Field(&Choice::why, HasSubstr("before order 0 had settled the simple shear "
-                                                                          "of its velocity was 12.5 (asked: 9.5): "
+                                                                          "of its displacement was 12.5 (asked: 9.5): "
                                                                           "something slides; regularisation is "
                                                                           "0.25 beside them (the slip is plain)")))));
   level.was_plain = false;
   level.has_finer = true;
   scene.result.options.momenta.finer_shear = 14.5;
   level.decision = FirstOrderDecision::LeftOut;
-  EXPECT_THAT(
-      line(),
-      Contains(AllOf(named, Field(&Choice::why, HasSubstr("with order 0 settled on finer scales of its own the simple "
-                                                          "shear of its velocity was 12.5 (asked: 14.5): nothing")))));
+  EXPECT_THAT(line(),
+              Contains(AllOf(
+                  named, Field(&Choice::why, HasSubstr("with order 0 settled on finer scales of its own the simple "
+                                                       "shear of its displacement was 12.5 (asked: 14.5): nothing")))));
 }
 
 TEST(Choices, TellWhatNarrowWidthsCountAndWhy) {
