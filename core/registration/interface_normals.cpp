@@ -2,7 +2,7 @@
 
 #include "core/grid/interpolation.h"
 #include "core/kernels/separable_convolution.h"
-#include "core/registration/velocity_derivative.h"
+#include "core/registration/field_derivative.h"
 
 #include <Eigen/Core>
 #include <Eigen/Eigenvalues>

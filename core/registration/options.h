@@ -165,8 +165,8 @@ struct RegistrationOptions {
     /// A round that differs from the one before by the weights of its sparsity, and by how far elements have turned,
     /// begins with the pairs that L-BFGS has. Not after one in which first orders waited, or that found no way down.
     bool keep_pairs = false;
-    /// The same of a round of order 0 alone, where smaller than `tolerance`: one whose velocity is then asked whether
-    /// something slides, or on a level without first orders; 0: `tolerance`.
+    /// The same of a round of order 0 alone, where smaller than `tolerance`: one whose displacement is then asked
+    /// whether something slides, or on a level without first orders; 0: `tolerance`.
     double look_tolerance = 0;
     double optimality_tolerance = 1e-3;  ///< a level ends when the optimality residual is this share of its first
     /// A round without first orders ends when the square of the residual is at most this share of what the images'

@@ -356,8 +356,8 @@ const std::vector<Parameter>& parameters() {
           "plain_shear", "", -1, Lower::Inclusive, inf,
           "order 1 takes part without waiting for order 0 to settle where that shows so much simple shear after three "
           "iterations of a level; 0: always waits, -1 (and nothing else below 0): twice first_order_shear where that "
-          "is known to cost nothing, 1.6 times where order 0 is slow to settle, otherwise 0; at least 24 where "
-          "regularisation_beside_plain goes with it",
+          "is known to cost nothing, 1.6 times where order 0 is slow to settle, otherwise 0; with lncc in 3-D, "
+          "and where regularisation_beside_plain goes with it, 24 or first_order_shear where that is more",
           [](O & o) -> auto& { return o.momenta.plain_shear; }),
       real(
           "settled_plain_shear", "", -1, Lower::Inclusive, inf,

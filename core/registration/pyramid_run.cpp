@@ -3,7 +3,6 @@
 #include "core/flow/backward_map.h"
 #include "core/registration/expected_iterations.h"
 #include "core/registration/narrower_scale.h"
-#include "core/registration/simple_shear.h"
 #include "core/support/errors.h"
 #include "core/support/thread_count.h"
 

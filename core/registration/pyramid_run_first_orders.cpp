@@ -45,9 +45,8 @@ MinimiseSummary PyramidRun<Dim>::minimise_until_plain() {
   return minimise_as(how_);
 }
 
-/// After the round in which order 0 was alone: whether its displacement shows something that
-/// slides. First orders that do
-/// not wait begin where the level began.
+/// After the round in which order 0 was alone: whether its displacement shows something that slides. First orders that
+/// do not wait begin where the level began.
 template <int Dim>
 bool PyramidRun<Dim>::first_orders_are_worth_it() {
   const RegistrationOptions::Momenta& asked = options_.momenta;

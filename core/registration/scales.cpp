@@ -38,8 +38,9 @@ double in_few_digits(double value) {
 /// Voxels that 3-D images are taken at every second of.
 bool is_fine(double reference_mm) { return 2 * reference_mm <= 3; }
 
-/// What a displacement has at least where order 0 needs narrow widths, see simple_shear; measured, core/measurements.md,
-/// "Widths". In 3-D 4.5 is that of chance which keeps volumes.
+/// What a displacement has at least where order 0 needs narrow widths, see simple_shear; measured,
+/// core/measurements.md, "Widths". In 3-D 4.5 is that of chance which keeps volumes, and what breathes smoothly has up
+/// to 4.7.
 double sharp_shear(int dimension, SimilarityType similarity) {
   return dimension == 3 && similarity == SimilarityType::Lncc ? 4.8 : 0;
 }

@@ -1,6 +1,6 @@
 #include "core/registration/simple_shear.h"
 
-#include "core/registration/velocity_derivative.h"
+#include "core/registration/field_derivative.h"
 #include "core/support/ranking.h"
 
 #include <cmath>

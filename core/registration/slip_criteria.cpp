@@ -27,7 +27,7 @@ double least_shear(int dimension, const RegistrationOptions& options) {
   if (tells_plain(dimension, options)) return slides;
   switch (options.similarity) {
     case SimilarityType::Lncc:
-      return 12;
+      return options.preset == Preset::Accurate ? 17 : 12;
     case SimilarityType::Ngf:
     case SimilarityType::Mind:
       return options.preset == Preset::Fast ? slides : options.preset == Preset::Balanced ? 10 : 12;
@@ -92,8 +92,8 @@ bool is_slow_to_settle(const RegistrationOptions& options) {
 
 /// What it has at least, early on a level, where order 0 need not settle first: where first orders do not wait for it
 /// (ssd), with lncc in 3-D where it goes on beside them with a larger weight, and where it is slow to settle, as
-/// measured. Breathing has up to twice as much early as at the end; core/measurements.md, "Only where it slides"
-/// and "mi, ngf and mind".
+/// measured. With lncc breathing has up to twice as much early as at the end; core/measurements.md, "Only where it
+/// slides" and "mi, ngf and mind".
 double plain_shear(int dimension, const RegistrationOptions& options) {
   const RegistrationOptions::Momenta& momenta = options.momenta;
   const bool is_lncc = options.similarity == SimilarityType::Lncc, is_told = tells_plain(dimension, options);
@@ -101,10 +101,10 @@ double plain_shear(int dimension, const RegistrationOptions& options) {
   const bool is_stiffer = dimension == 3 && is_lncc && beside >= (1 - 1e-9) * kStifferWithLncc * momenta.regularisation;
   const bool is_free = !momenta.first_order_waits || is_stiffer;
   if (!is_free && !is_slow_to_settle(options)) return 0;
-  // Where less is asked of slips that are not plain, no less is of those that are.
+  // Where less is asked of slips that are not plain, or much of all, that is no measure of those that are.
   constexpr double plain = 24;
-  const double asked = (is_free ? 2 : 1.6) * momenta.first_order_shear;
-  return std::min(is_told ? std::max(asked, plain) : asked, std::numeric_limits<double>::max());  // finite
+  if (is_told || is_stiffer) return std::max(momenta.first_order_shear, plain);
+  return std::min((is_free ? 2 : 1.6) * momenta.first_order_shear, std::numeric_limits<double>::max());  // finite
 }
 
 /// What it has at least in the end, where the slip is plain; core/measurements.md, "Slips that are not plain".

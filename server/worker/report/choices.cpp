@@ -218,8 +218,8 @@ std::vector<Choice> choices(const ReportInput<Dim>& input) {
                      std::string(level.was_plain   ? "before order 0 had settled"
                                  : level.has_finer ? "with order 0 settled on finer scales of its own"
                                                    : "with order 0 settled") +
-                         " the simple shear of its displacement was " + number(level.simple_shear) +
-                         " (asked: " + number(least) + "): " +
+                         " the simple shear of its displacement, as it is or less what most of the image does, was " +
+                         number(level.simple_shear) + " (asked: " + number(least) + "): " +
                          (is_in   ? "something slides" + beside(asked, level)
                           : shows ? "something slides, but none of them wanted to join"
                                   : "nothing slides so much that they are worth their time"),
@@ -230,7 +230,8 @@ std::vector<Choice> choices(const ReportInput<Dim>& input) {
     if (level.narrow_pull < 0) {
       if (level.decision == FirstOrderDecision::None && level.simple_shear > 0)
         found.push_back({name, "not asked", "",
-                         "with order 0 at rest, the simple shear of its displacement was " +
+                         "with order 0 at rest, the simple shear of its displacement, as it is or less what most of "
+                         "the image does, was " +
                              number(level.simple_shear) + " (asked: less than " +
                              number(input.result->options.momenta.first_order_shear) +
                              "): something slides, which first orders on finer levels are for",

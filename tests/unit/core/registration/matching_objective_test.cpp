@@ -225,7 +225,9 @@ TEST(MatchingObjective, WarpsWithTheMapOfACoarserFlow) {
   warp_level<2, double>(level, {displacement.data()}, warped, weights);
   EXPECT_NEAR(similarity()->evaluate(level.fixed.data(), warped.data(), nullptr, image_dual.data(), nullptr), found,
               1e-10 * found);
-  EXPECT_EQ(objective.displacement(x), coarse);
+  const std::vector<double> other = testing::random_values(objective.size(), 6, 0.5);
+  ASSERT_TRUE(objective.evaluate(other, gradient, preconditioned).is_valid);
+  EXPECT_EQ(objective.displacement(x), coarse) << "whatever was evaluated before";
 }
 
 // Only component i of m_i opens or closes: it gets no gradient, and all others theirs.

@@ -372,13 +372,17 @@ TEST(PlainShear, IsWhatWasMeasured) {
       EXPECT_EQ(momenta(Model::Auto, similarity, preset, plane).settled_plain_shear, 0);
       EXPECT_EQ(momenta(Model::Sliding, similarity, preset, cube).settled_plain_shear, 0);
     }
-  // One weight for all slips: what was asked before these were told apart.
+  // One weight for all slips: as much is asked of all.
   RegistrationOptions stiff = default_options(Model::Auto, SimilarityType::Lncc, Preset::Balanced);
   stiff.momenta.regularisation_beside_first = 12 * stiff.momenta.regularisation;
   const RegistrationOptions::Momenta of_all = resolved(stiff, cube).momenta;
   EXPECT_EQ(of_all.first_order_shear, 12);
   EXPECT_EQ(of_all.plain_shear, 24);
   EXPECT_EQ(of_all.settled_plain_shear, 0);
+  stiff = default_options(Model::Auto, SimilarityType::Ngf, Preset::Balanced);
+  stiff.momenta.regularisation_beside_first = 2 * stiff.momenta.regularisation;
+  EXPECT_EQ(resolved(stiff, cube).momenta.first_order_shear, 10);
+  EXPECT_DOUBLE_EQ(resolved(stiff, cube).momenta.plain_shear, 16);
   RegistrationOptions sliding = default_options(Model::Sliding, SimilarityType::Lncc, Preset::Balanced);
   sliding.momenta.first_order_shear = sliding.momenta.settled_plain_shear = -1;
   EXPECT_EQ(resolved(sliding, cube).momenta.first_order_shear, 12);
@@ -387,7 +391,9 @@ TEST(PlainShear, IsWhatWasMeasured) {
   less.momenta.first_order_shear = 2;  // a plain slip stays what it is
   EXPECT_EQ(resolved(less, cube).momenta.plain_shear, 24);
   less.momenta.first_order_shear = 20;
-  EXPECT_EQ(resolved(less, cube).momenta.plain_shear, 40);
+  EXPECT_EQ(resolved(less, cube).momenta.plain_shear, 24);
+  less.momenta.first_order_shear = 30;
+  EXPECT_EQ(resolved(less, cube).momenta.plain_shear, 30);
   RegistrationOptions alike = default_options(Model::Auto, SimilarityType::Lncc, Preset::Balanced);
   alike.momenta.regularisation_beside_first = alike.momenta.regularisation;  // order 0 goes on as it was
   EXPECT_EQ(resolved(alike, cube).momenta.plain_shear, 0);

@@ -1,6 +1,7 @@
 #include "core/registration/simple_shear.h"
 
 #include "core/support/thread_count.h"
+#include "tests/support/many_threads.h"
 
 #include <gtest/gtest.h>
 
@@ -31,7 +32,7 @@ Field<double> affine(const Lattice<Dim>& lattice, const Matrix<Dim>& a) {
 const Lattice<2> plane{{9, 7}, {1.5, 0.5}, {}};
 const Lattice<3> block{{6, 5, 7}, {1, 2, 0.75}, {}};
 
-TEST(SimpleShear, IsThatOfTheMatrixWhereTheVelocityIsLinear) {
+TEST(SimpleShear, IsThatOfTheMatrixWhereTheFieldIsLinear) {
   Matrix<2> stretch, rotation, narrowing;
   narrowing << 1, 0, 0, 0;
   stretch << 1, 0, 0, -1;
@@ -98,7 +99,7 @@ TEST(SimpleShear, IsFourteenThirdsByChanceWhereVolumeIsKept) {
   EXPECT_NEAR(sum / runs, 14.0 / 3, 0.35);
 }
 
-TEST(SimpleShear, IsZeroWhereTheVelocityIsNotFinite) {
+TEST(SimpleShear, IsZeroWhereTheFieldIsNotFinite) {
   Field<double> velocity(2 * plane.sites(), 1.0);
   for (double value : {std::numeric_limits<double>::quiet_NaN(), std::numeric_limits<double>::infinity()}) {
     velocity[30] = value;
@@ -187,6 +188,7 @@ TEST(UsualDerivative, OfAFrameThatTurnsHidesNoSlip) {
 }
 
 TEST(SimpleShear, DoesNotDependOnTheNumberOfThreads) {
+  const testing::ManyThreads many;
   const Field<float> velocity = noise<float>(3 * block.sites());
   const auto with = [&](int threads) {
     const ThreadCount count(threads);

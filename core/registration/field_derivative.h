@@ -31,7 +31,7 @@ class FieldDerivative {
     return (at[has_above ? strides_[a] : 0] - *(at - (has_below ? strides_[a] : 0))) / span;
   }
 
-  /// D v, with component c along axis a in row c, column a.
+  /// D u, with component c along axis a in row c, column a.
   Eigen::Matrix<T, Dim, Dim> at(const Index<Dim>& index, std::size_t site) const {
     Eigen::Matrix<T, Dim, Dim> derivative;
     for (int a = 0; a < Dim; ++a)
@@ -45,10 +45,10 @@ class FieldDerivative {
   std::array<std::size_t, Dim> strides_;
 };
 
-/// Calls visit(site, D v) for each site of a slab (the last axis' index), see FieldDerivative.
+/// Calls visit(site, D u) for each site of a slab (the last axis' index), see FieldDerivative.
 template <int Dim, class T, class Visit>
-void visit_derivatives(const Lattice<Dim>& lattice, const Field<T>& velocity, int slab, Visit&& visit) {
-  const FieldDerivative<Dim, T> derivative(lattice, velocity);
+void visit_derivatives(const Lattice<Dim>& lattice, const Field<T>& field, int slab, Visit&& visit) {
+  const FieldDerivative<Dim, T> derivative(lattice, field);
   visit_slab<Dim>(lattice, slab,
                   [&](const Index<Dim>& index, std::size_t site) { visit(site, derivative.at(index, site)); });
 }
