@@ -356,7 +356,7 @@ TEST(Choices, TellHowMuchOrderZeroIsHeldBesideFirstOrders) {
     return lines;
   };
   EXPECT_EQ(held(SimilarityType::Lncc, Preset::Accurate), Lines{"0.001" + from});
-  EXPECT_EQ(held(SimilarityType::Lncc, Preset::Balanced), (Lines{"0.0003" + from, "0.001" + of_plain}));
+  EXPECT_EQ(held(SimilarityType::Lncc, Preset::Balanced), (Lines{"0.0005" + from, "0.001" + of_plain}));
   EXPECT_EQ(held(SimilarityType::Ngf, Preset::Balanced), Lines{"0.003" + of_plain});
   EXPECT_EQ(held(SimilarityType::Mi, Preset::Balanced), Lines{"0.003" + from});
   EXPECT_THAT(held(SimilarityType::Mind, Preset::Balanced), IsEmpty());
