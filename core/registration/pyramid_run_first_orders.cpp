@@ -11,14 +11,10 @@ constexpr int kEarlyLook = 3;
 
 }  // namespace
 
-/// Simple shear of what the momenta reached make: as it is or beside what most of the image does, whichever shows more.
-/// The former is hidden where the image turns as a whole, the latter where what slides is a large part of it.
+/// Simple shear of what the momenta reached make, see shear_of_slip.
 template <int Dim>
 double PyramidRun<Dim>::shear_reached() {
-  const Lattice<Dim>& lattice = objective_->flow_lattice();
-  const Field<Scalar>& displacement = objective_->displacement(reached_.minimiser.x);
-  return std::max(simple_shear(lattice, displacement),
-                  simple_shear(lattice, displacement, usual_derivative(lattice, displacement)));
+  return shear_of_slip(objective_->flow_lattice(), objective_->displacement(reached_.minimiser.x));
 }
 
 /// Whether the displacement of order 0, which is alone, shows at least so much simple shear, and first orders want to
@@ -41,6 +37,7 @@ MinimiseSummary PyramidRun<Dim>::minimise_until_plain() {
     if (found.termination != MinimiseTermination::IterationLimit) return found;
     level_.was_plain = shows_slip(options_.momenta.plain_shear);
     if (level_.was_plain) return found;
+    level_.simple_shear = 0;  // nothing rests on it
   }
   return minimise_as(how_);
 }

@@ -3,6 +3,7 @@
 #include "core/registration/field_derivative.h"
 #include "core/support/ranking.h"
 
+#include <algorithm>
 #include <cmath>
 #include <vector>
 
@@ -52,9 +53,15 @@ double simple_shear(const Lattice<Dim>& lattice, const Field<T>& field, const Ma
   return all.square * most > all.fourth ? all.fourth / all.square : most;
 }
 
-#define SALTUS_SIMPLE_SHEAR(DIM, T)                                            \
-  template Matrix<DIM> usual_derivative(const Lattice<DIM>&, const Field<T>&); \
-  template double simple_shear(const Lattice<DIM>&, const Field<T>&, const Matrix<DIM>&);
+template <int Dim, class T>
+double shear_of_slip(const Lattice<Dim>& lattice, const Field<T>& field) {
+  return std::max(simple_shear(lattice, field), simple_shear(lattice, field, usual_derivative(lattice, field)));
+}
+
+#define SALTUS_SIMPLE_SHEAR(DIM, T)                                                       \
+  template Matrix<DIM> usual_derivative(const Lattice<DIM>&, const Field<T>&);            \
+  template double simple_shear(const Lattice<DIM>&, const Field<T>&, const Matrix<DIM>&); \
+  template double shear_of_slip(const Lattice<DIM>&, const Field<T>&);
 SALTUS_SIMPLE_SHEAR(2, float)
 SALTUS_SIMPLE_SHEAR(3, float)
 SALTUS_SIMPLE_SHEAR(2, double)

@@ -22,4 +22,9 @@ Matrix<Dim> usual_derivative(const Lattice<Dim>& lattice, const Field<T>& field)
 template <int Dim, class T>
 double simple_shear(const Lattice<Dim>& lattice, const Field<T>& field, const Matrix<Dim>& usual = Matrix<Dim>::Zero());
 
+/// That of the field as it is or beside its usual derivative, whichever is more: the former is hidden where the frame
+/// turns as a whole, the latter where what slides is a large part of it.
+template <int Dim, class T>
+double shear_of_slip(const Lattice<Dim>& lattice, const Field<T>& field);
+
 }  // namespace saltus

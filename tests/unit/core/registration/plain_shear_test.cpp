@@ -315,6 +315,20 @@ TEST(PlainShear, StopsInTheLook) {
     }
 }
 
+// What was seen then and was too little is not told of a level that has not been decided.
+TEST(PlainShear, IsForgottenWhereItWasLittle) {
+  const RegistrationInput<2> input = pair_of(phantom<2>(PhantomKind::Slip));
+  RegistrationOptions options = default_options(Model::Auto, SimilarityType::Lncc, Preset::Balanced);
+  options.pyramid.levels = 1;
+  options.momenta.plain_shear = 1e9;
+  const RegistrationResult<2> found = register_images<2>(input, options, [&](const Progress& at) {
+    return at.iteration > kLooksAfter ? ProgressAnswer::Stop : ProgressAnswer::Continue;
+  });
+  EXPECT_EQ(found.summary.termination, Termination::Stopped);
+  EXPECT_EQ(found.summary.levels.back().decision, FirstOrderDecision::None);
+  EXPECT_EQ(found.summary.levels.back().simple_shear, 0);
+}
+
 // Whoever says stop while a slip is looked for is not asked again.
 TEST(PlainShear, StopsWhereItIsTold) {
   const RegistrationInput<2> input = pair_of(phantom<2>(PhantomKind::Slip, 30));

@@ -185,6 +185,24 @@ TEST(UsualDerivative, OfAFrameThatTurnsHidesNoSlip) {
   EXPECT_GT(seen, 100);
   EXPECT_LT(simple_shear(image, turned), 4);
   EXPECT_NEAR(simple_shear(image, turned, usual_derivative(image, turned)), seen, 1e-6 * seen);
+  EXPECT_EQ(shear_of_slip(image, turned), simple_shear(image, turned, usual_derivative(image, turned)));
+}
+
+// A layer in which all shears and which is most of the image, beside a part that turns: what is left of that without
+// the shear of most is no simple shear.
+TEST(UsualDerivative, OfWhatSlidesInMostOfTheFrameHidesNoSlip) {
+  const Lattice<2> image{{3, 200}, {1, 1}, {}};
+  Field<double> layer(2 * image.sites());
+  for (int slab = 0; slab < image.size[1]; ++slab)
+    visit_slab<2>(image, slab, [&](const Index<2>& index, std::size_t site) {
+      const int beyond = std::max(0, slab - 120);
+      layer[2 * site] = std::min(slab, 120) - 0.5 * beyond;
+      layer[2 * site + 1] = beyond > 0 ? 0.5 * (index[0] - 1) : 0;
+    });
+  const double as_it_is = simple_shear(image, layer);
+  EXPECT_GT(as_it_is, 10);
+  EXPECT_LT(simple_shear(image, layer, usual_derivative(image, layer)), 7);
+  EXPECT_EQ(shear_of_slip(image, layer), as_it_is);
 }
 
 TEST(SimpleShear, DoesNotDependOnTheNumberOfThreads) {
