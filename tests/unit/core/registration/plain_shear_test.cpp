@@ -315,6 +315,33 @@ TEST(PlainShear, StopsInTheLook) {
     }
 }
 
+// Where what slides turns, the velocity that it begins with points out of its surface, and is no simple shear; the
+// displacement does not.
+TEST(PlainShear, IsSeenAroundASmallBodyThatTurns) {
+  PhantomOptions scene = default_phantom_options(PhantomKind::Slip);
+  scene.size = {256, 256, 1};
+  scene.noise = 0.01;
+  scene.interface = InterfaceShape::Circle;
+  scene.radius_mm = 16;
+  scene.slip_mm = 6;
+  for (std::uint64_t seed : {2, 3}) {
+    SCOPED_TRACE(seed);
+    scene.seed = seed;
+    const Phantom<2> body = make_phantom<2>(scene);
+    RegistrationOptions options = default_options(Model::Auto, SimilarityType::Lncc, Preset::Balanced);
+    Sums let_in, left_out;
+    for (Sums* sums : {&let_in, &left_out}) {
+      if (sums == &left_out) options.momenta.first_order_shear = 1e9;
+      const RegistrationResult<2> found = register_images<2>(pair_of(body), options);
+      EXPECT_EQ(asked(found.summary).decision,
+                sums == &let_in ? FirstOrderDecision::LetIn : FirstOrderDecision::LeftOut);
+      add<2>(found, body, *sums);
+    }
+    EXPECT_LT(let_in.error_mm, 0.9 * left_out.error_mm);
+    EXPECT_LT(let_in.error_near_mm, 0.6 * left_out.error_near_mm);
+  }
+}
+
 // What was seen then and was too little is not told of a level that has not been decided.
 TEST(PlainShear, IsForgottenWhereItWasLittle) {
   const RegistrationInput<2> input = pair_of(phantom<2>(PhantomKind::Slip));
