@@ -315,8 +315,7 @@ TEST(PlainShear, StopsInTheLook) {
     }
 }
 
-// Where what slides turns, the velocity that it begins with points out of its surface, and is no simple shear; the
-// displacement does not.
+// The velocity at time 0 shows too little of it.
 TEST(PlainShear, IsSeenAroundASmallBodyThatTurns) {
   PhantomOptions scene = default_phantom_options(PhantomKind::Slip);
   scene.size = {256, 256, 1};
