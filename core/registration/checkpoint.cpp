@@ -16,7 +16,7 @@ namespace {
 
 constexpr char kMagic[8] = {'S', 'A', 'L', 'T', 'U', 'S', 'C', 'P'};
 /// To be raised with every change of what is stored or of what is computed from it.
-constexpr std::uint32_t kVersion = 38;
+constexpr std::uint32_t kVersion = 39;
 
 struct Header {
   char magic[8];
@@ -139,6 +139,8 @@ void transfer_level(Stream& stream, Level& level) {
   stream(level.simple_shear);
   stream(level.has_finer);
   stream(level.was_plain);
+  stream(level.quick_share);
+  stream(level.gave_up_sharp);
   stream(level.shear_before);
   stream(level.narrow_share);
   stream(level.narrow_pull);

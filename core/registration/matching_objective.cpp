@@ -232,6 +232,20 @@ void MatchingObjective<Dim, T>::weigh(const SparsityRound& round, const std::vec
 }
 
 template <int Dim, class T>
+void MatchingObjective<Dim, T>::smooth_zeroth(std::vector<T>& x) {
+  const std::vector<MomentumPointers<T>> momenta = set_.pointers(x);
+  for (std::size_t s = 0; s < scales_.size(); ++s) {
+    const T* zeroth = momenta[s].zeroth;
+    if (!zeroth) continue;
+    const Field<T> ones(scales_[s]->field_size(), T(1));
+    Field<T> velocity(ones.size()), mass(ones.size());
+    scales_[s]->synthesise(zeroth, nullptr, velocity.data());
+    scales_[s]->synthesise(ones.data(), nullptr, mass.data());
+    std::transform(velocity.begin(), velocity.end(), mass.begin(), x.begin() + (zeroth - x.data()), std::divides<T>());
+  }
+}
+
+template <int Dim, class T>
 double MatchingObjective<Dim, T>::first_step(const std::vector<T>& direction) {
   // Half a voxel of motion somewhere: large enough to learn the curvature from, small enough to stay where it holds.
   const std::vector<MomentumPointers<T>> momenta = set_.pointers(direction);

@@ -101,6 +101,10 @@ class MatchingObjective final : public Objective<T> {
   /// on what x says with other normals.
   void weigh(const SparsityRound& round, const std::vector<T>& x);
 
+  /// The momentum of order 0 of each scale becomes its mean under the scale's kernel, K * m_0 / K * 1: it keeps what
+  /// is wider than the kernel, at the border of the lattice as well, and loses what is narrower.
+  void smooth_zeroth(std::vector<T>& x);
+
   /// Called many times in each evaluation with the share of it that is done; may throw to end it.
   void on_work(std::function<void(double)> callback);
 

@@ -110,6 +110,10 @@ struct RegistrationOptions {
     /// With so much of it a slip is plain as well where order 0 has settled, for regularisation_beside_plain; 0: none
     /// is; -1: what was measured (core/measurements.md, "Only where it slides").
     double settled_plain_shear = 0;
+    /// Where ten iterations had at least this share of what order 0 brought alone before it settled, it gives up what
+    /// is sharp when first orders that waited are let in: the momentum of each scale becomes its mean under the scale's
+    /// kernel. 0: never; -1: what was measured (core/measurements.md, "Where order 0 begins beside first orders").
+    double quick_share = 0;
     /// Where first orders that do not wait were left out on the finest level and order 0 ends at a coarser scale, it
     /// gets the finer ones as well, settles again and lets first orders in with so much simple shear; 0: it does not;
     /// -1: what was measured (core/measurements.md, "Only where it slides").

@@ -366,6 +366,12 @@ const std::vector<Parameter>& parameters() {
           "with ngf unless regularisation_beside_first alone is given, otherwise 0",
           [](O & o) -> auto& { return o.momenta.settled_plain_shear; }),
       real(
+          "quick_share", "", -1, Lower::Inclusive, 1,
+          "where ten iterations had so large a share of what order 0 brought alone before it settled, it gives up what "
+          "is sharp when order 1 is let in, and finds anew what it is to have of that; 0: never, -1 (and nothing else "
+          "below 0): by model, similarity, dimension and preset",
+          [](O & o) -> auto& { return o.momenta.quick_share; }),
+      real(
           "finer_shear", "", -1, Lower::Inclusive, inf,
           "where order 1 is left out on the finest level and order 0 ends at a coarser scale, order 0 gets the finer "
           "ones as well, settles again, and order 1 takes part with so much simple shear; 0: no finer ones, -1 (and "
@@ -577,7 +583,7 @@ std::vector<std::string> problems(const RegistrationOptions& options) {
   const double plain = options.momenta.plain_shear;
   for (const auto& [name, asked] :
        {std::pair("plain_shear", plain), std::pair("settled_plain_shear", options.momenta.settled_plain_shear),
-        std::pair("finer_shear", options.momenta.finer_shear),
+        std::pair("finer_shear", options.momenta.finer_shear), std::pair("quick_share", options.momenta.quick_share),
         std::pair("narrower_pull", options.momenta.narrower_pull)})
     if (asked > 0 && shear == 0)
       found.push_back("parameter " + std::string(name) + " is " + format(asked) +
@@ -585,6 +591,11 @@ std::vector<std::string> problems(const RegistrationOptions& options) {
   if (options.momenta.finer_shear > 0 && options.momenta.first_order_waits)
     found.push_back("parameter finer_shear is " + format(options.momenta.finer_shear) +
                     " and first_order_waits is true, with which order 0 has all of its scales; set it to 0");
+  if (options.momenta.quick_share > 0 && !options.momenta.first_order_waits)
+    found.push_back(
+        "parameter quick_share is " + format(options.momenta.quick_share) +
+        " and first_order_waits is false, with which order 0 begins where the level began; let first orders "
+        "wait, or set it to 0");
   const std::pair<const char*, double> measured[] = {
       {"oblique_share", options.momenta.oblique_share},
       {"narrow_width_shear", options.momenta.narrow_width_shear},
@@ -593,6 +604,7 @@ std::vector<std::string> problems(const RegistrationOptions& options) {
       {"plain_shear", options.momenta.plain_shear},
       {"settled_plain_shear", options.momenta.settled_plain_shear},
       {"finer_shear", options.momenta.finer_shear},
+      {"quick_share", options.momenta.quick_share},
       {"round_tolerance", options.optimisation.round_tolerance},
       {"first_round_tolerance", options.optimisation.first_round_tolerance}};
   for (const auto& [name, value] : measured)

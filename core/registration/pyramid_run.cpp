@@ -9,6 +9,7 @@
 #include <algorithm>
 #include <cmath>
 #include <istream>
+#include <utility>
 
 namespace saltus {
 namespace {
@@ -158,6 +159,7 @@ void PyramidRun<Dim>::begin_level(std::size_t step) {
   if (shear_before_ >= 0 && shear_before_ < options_.momenta.narrow_width_shear)
     level_.narrow_share = kNarrowShareOfSmooth;
   shear_before_ = -1;
+  gives_up_sharp_ = false;
   if (is_resumed_) level_ = reached_.level;
   if (level_.narrow_share < 1 || (is_resumed_ && (narrow_share() < 1 || has_narrower())))
     make_scales_anew(options_, narrow_share());
@@ -273,6 +275,10 @@ void PyramidRun<Dim>::run_rounds() {
     }
   } catch (const StopRequested&) {
     level_.termination = Termination::Stopped;
+    if (!before_round_.empty()) {  // what was given up was not found again
+      reached_.minimiser.x = std::move(before_round_);
+      level_.gave_up_sharp = false;
+    }
     if (!is_counted_) count_round();
   }
 }
@@ -318,6 +324,11 @@ void PyramidRun<Dim>::begin_round(std::size_t round) {
   const bool is_new = make_objective(rounds_[round]);
   objective_->weigh(rounds_[round], momenta);
   level_.oblique_share = objective_->working_set().oblique_share();
+  // After it was seen from these where something slides.
+  if (std::exchange(gives_up_sharp_, false)) {
+    before_round_ = momenta;
+    objective_->smooth_zeroth(momenta);
+  }
   // Other weights change the sparsity term alone, and elements turn by 36 degrees at most: what is known of the
   // smooth part's curvature remains a good model. Not one that has just found no way down.
   const bool is_known = !is_new && round > 0 && rounds_[round - 1].lets_blocks_join &&
@@ -423,6 +434,7 @@ bool PyramidRun<Dim>::report() {
 
 template <int Dim>
 bool PyramidRun<Dim>::accept(const MinimiseStep& taken) {
+  before_round_ = {};
   const EnergyParts& parts = objective_->parts();
   summary_.history.push_back({now_.level, level_.rounds, level_.iterations + taken.iteration, taken.energy,
                               parts.similarity, parts.regularisation, taken.sparsity, taken.step, taken.optimality});

@@ -80,6 +80,7 @@ class PyramidRun {
   void begin_finer_scales();
   void end_finer_scales();
   bool goes_on(std::size_t round);
+  void look_how_quick_it_was();
   bool would_join();
   double regularisation_beside() const;
   void begin_beside_first_orders();
@@ -117,6 +118,8 @@ class PyramidRun {
   double shear_before_ = -1;  ///< of the next level, see LevelSummary
 
   // Of the level at hand.
+  bool gives_up_sharp_ = false;       ///< order 0, when the next round begins, see momenta.quick_share
+  std::vector<Scalar> before_round_;  ///< momenta, where it did, until a step is taken
   std::size_t step_ = 0;
   MatchingLevel<Dim, Scalar> images_;
   std::vector<SparsityRound> rounds_;

@@ -8,6 +8,8 @@ namespace {
 
 /// Iterations of a level after which a slip may be plain, see momenta.plain_shear.
 constexpr int kEarlyLook = 3;
+/// Iterations in which order 0 brings most of what it brings where it is quick, see momenta.quick_share.
+constexpr std::size_t kQuickIterations = 10;
 
 }  // namespace
 
@@ -54,9 +56,23 @@ bool PyramidRun<Dim>::first_orders_are_worth_it() {
   if (is_worth_it && !reached_.level_start.empty()) reached_.minimiser.x = std::move(reached_.level_start);
   if (is_worth_it || !may_be_finer()) reached_.level_start.clear();
   if (!is_worth_it) return false;
+  look_how_quick_it_was();
   begin_beside_first_orders();
   for (std::size_t step = step_; step < levels_.size(); ++step) meter_.expect(step, planned_work(levels_[step], true));
   return true;
+}
+
+/// Of order 0, which is alone and has settled, when first orders are let in. What it would find again in a few
+/// iterations it gives up as far as it is sharp: to leave it to first orders little by little takes longer.
+template <int Dim>
+void PyramidRun<Dim>::look_how_quick_it_was() {
+  const RegistrationOptions::Momenta& asked = options_.momenta;
+  if (level_.was_plain || !asked.first_order_waits || !is_at_rest()) return;
+  const std::vector<double>& energies = reached_.minimiser.energies;
+  const double whole = energies.front() - energies.back();
+  if (!(whole > 0)) return;
+  level_.quick_share = (energies.front() - energies[std::min(energies.size() - 1, kQuickIterations)]) / whole;
+  gives_up_sharp_ = level_.gave_up_sharp = asked.quick_share > 0 && level_.quick_share >= asked.quick_share;
 }
 
 /// Where first orders waited and there are none yet: whether any wants to be there, with the least weight that is to
@@ -109,6 +125,7 @@ void PyramidRun<Dim>::begin_beside_first_orders() {
   template double PyramidRun<DIM>::shear_reached();                 \
   template MinimiseSummary PyramidRun<DIM>::minimise_until_plain(); \
   template bool PyramidRun<DIM>::first_orders_are_worth_it();       \
+  template void PyramidRun<DIM>::look_how_quick_it_was();           \
   template bool PyramidRun<DIM>::would_join();                      \
   template double PyramidRun<DIM>::regularisation_beside() const;   \
   template void PyramidRun<DIM>::begin_beside_first_orders();

@@ -64,15 +64,18 @@ struct LevelSummary {
                             ///< that whether a narrower scale is asked for rests on, 0: it was not looked at
   bool has_finer = false;  ///< that order 0 had the scales by then that it leaves to first orders (momenta.finer_shear)
   bool was_plain = false;  ///< that order 0 had not settled by then, nor needed to
-  double shear_before = -1;   ///< simple shear that the level before ended with; -1: narrow_width_shear did not ask
-  double narrow_share = 1;    ///< what narrow widths count in the order-0 scale that begins here while it is alone
-  double narrow_pull = -1;    ///< what pulled at a narrower scale of order 0, see momenta.narrower_pull; -1: not asked
-  double own_pull = 0;        ///< and at the finest of those that there were
-  bool has_narrower = false;  ///< that it therefore went on with one
-  int oriented_elements = 0;  ///< at the end: active oriented momenta
-  int map_steps = 1;          ///< in each time step
-  double map_error_mm = 0;    ///< at the end, of 99.9 % of the sites, see map_error; 0: nothing moved, or not asked
-  double oblique_share = 0;   ///< of what may slide, see InterfaceNormals; 0 where there are no oriented momenta
+  double quick_share = -1;     ///< of what order 0 brought alone, what its first ten iterations had (all: 1); -1: not
+                               ///< looked at, as where it had not settled
+  bool gave_up_sharp = false;  ///< that order 0 then began smooth beside first orders, see momenta.quick_share
+  double shear_before = -1;    ///< simple shear that the level before ended with; -1: narrow_width_shear did not ask
+  double narrow_share = 1;     ///< what narrow widths count in the order-0 scale that begins here while it is alone
+  double narrow_pull = -1;     ///< what pulled at a narrower scale of order 0, see momenta.narrower_pull; -1: not asked
+  double own_pull = 0;         ///< and at the finest of those that there were
+  bool has_narrower = false;   ///< that it therefore went on with one
+  int oriented_elements = 0;   ///< at the end: active oriented momenta
+  int map_steps = 1;           ///< in each time step
+  double map_error_mm = 0;     ///< at the end, of 99.9 % of the sites, see map_error; 0: nothing moved, or not asked
+  double oblique_share = 0;    ///< of what may slide, see InterfaceNormals; 0 where there are no oriented momenta
   double seconds = 0;
   double cpu_seconds = 0;
 };

@@ -120,6 +120,15 @@ double finer_shear(int dimension, const RegistrationOptions& options) {
   return is_measured && !options.momenta.first_order_waits ? options.momenta.first_order_shear : 0;
 }
 
+/// Where a few iterations bring most of what order 0 brings, as where little but a slip is to be seen, they bring it
+/// again. Thoraxes and livers have up to 0.57 with mi and ngf, which are slow to settle, and up to 0.71 with the
+/// others; core/measurements.md, "Where order 0 begins beside first orders".
+double quick_share(int dimension, const RegistrationOptions& options) {
+  const bool is_measured = options.model == Model::Auto && dimension == 3 && options.preset == Preset::Balanced;
+  if (!is_measured || !options.momenta.first_order_waits) return 0;
+  return options.similarity == SimilarityType::Mi || options.similarity == SimilarityType::Ngf ? 0.65 : 0.75;
+}
+
 }  // namespace
 
 void resolve_slip_criteria(int dimension, RegistrationOptions& o) {
@@ -132,8 +141,10 @@ void resolve_slip_criteria(int dimension, RegistrationOptions& o) {
   if (momenta.plain_shear < 0) momenta.plain_shear = plain_shear(dimension, o);
   if (momenta.settled_plain_shear < 0) momenta.settled_plain_shear = settled_plain_shear(dimension, o);
   if (momenta.finer_shear < 0) momenta.finer_shear = finer_shear(dimension, o);
+  if (momenta.quick_share < 0) momenta.quick_share = quick_share(dimension, o);
   if (momenta.first_order_shear == 0)  // order 0 is not asked
-    momenta.plain_shear = momenta.settled_plain_shear = momenta.finer_shear = momenta.narrower_pull = 0;
+    momenta.plain_shear = momenta.settled_plain_shear = momenta.finer_shear = momenta.narrower_pull =
+        momenta.quick_share = 0;
 }
 
 }  // namespace saltus

@@ -76,6 +76,8 @@ std::string measured_from(const std::string& name, const ReportInput<Dim>& input
     return std::string("from the similarity, the dimension and the preset, for which it was measured") +
            (is_one_weight ? ", with one weight beside all slips (regularisation_beside_first)" : "");
   }
+  if (name == "quick_share")
+    return "from the model, the similarity, the preset and the dimension, for which it was measured";
   if (name == "plain_shear")
     return "by first_order_shear, where order 0 need not settle first: from the similarity, the dimension, the preset "
            "and its weight beside first orders";
@@ -126,6 +128,14 @@ std::string beside(const RegistrationOptions::Momenta& momenta, const LevelSumma
                             : is_plain(momenta, level) ? " (the slip is plain)"
                                                        : " (the slip is not plain)";
   return "; regularisation is " + number(weight) + " beside them" + plain;
+}
+
+/// What order 0 began with from then on, where it was asked how quick it had been.
+std::string start_beside(const RegistrationOptions::Momenta& momenta, const LevelSummary& level) {
+  if (momenta.quick_share == 0 || level.quick_share < 0) return "";
+  return "; ten iterations had " + percentage(level.quick_share) +
+         " of what order 0 brought (asked: " + percentage(momenta.quick_share) + "): it " +
+         (level.gave_up_sharp ? "gave up what was sharp, which it finds again as fast" : "kept what it had found");
 }
 
 }  // namespace
@@ -220,7 +230,7 @@ std::vector<Choice> choices(const ReportInput<Dim>& input) {
                                                    : "with order 0 settled") +
                          " the simple shear of its displacement, as it is or less what most of the image does, was " +
                          number(level.simple_shear) + " (asked: " + number(least) + "): " +
-                         (is_in   ? "something slides" + beside(asked, level)
+                         (is_in   ? "something slides" + beside(asked, level) + start_beside(asked, level)
                           : shows ? "something slides, but none of them wanted to join"
                                   : "nothing slides so much that they are worth their time"),
                      false});

@@ -105,6 +105,10 @@ Json describe(const LevelSummary& level, const RegistrationOptions::Momenta& mom
     if (is_in) {
       json["first_order_momenta"]["is_plain"] = is_plain(momenta, level);
       json["first_order_momenta"]["regularisation_beside"] = regularisation_beside(momenta, level);
+      if (level.quick_share >= 0) {
+        json["first_order_momenta"]["quick_share"] = level.quick_share;
+        json["first_order_momenta"]["order_0_gave_up_sharp"] = level.gave_up_sharp;
+      }
     }
   }
   if (level.kept_out_share > 0) json["kept_out_block_share"] = level.kept_out_share;

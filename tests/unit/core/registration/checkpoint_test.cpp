@@ -212,6 +212,20 @@ TEST(Checkpoint, ResumesWhereFirstOrdersWereAskedForWithTheSameEnd) {
     }
 }
 
+// It begins smooth beside first orders once, not again where it is taken up.
+TEST(Checkpoint, ResumesWhereOrder0GaveUpWhatIsSharpWithTheSameEnd) {
+  RegistrationOptions options = asking(SimilarityType::Lncc, 1e-9);
+  options.momenta.quick_share = 1e-9;
+  options.momenta.reweighted_rounds = 1;  // one more round, in which it does not
+  options.optimisation.max_iterations = 12;
+  options.optimisation.tolerance = 0.5;  // it is at rest before that
+  options.optimisation.look_tolerance = 0;
+  const RegistrationResult<2> whole = register_images<2>(plane(), options);
+  ASSERT_TRUE(asked_of(whole, SimilarityType::Lncc).gave_up_sharp);
+  ASSERT_EQ(asked_of(whole, SimilarityType::Lncc).rounds, 3);
+  resumes_anywhere<2>(plane(), options);
+}
+
 // Asked early, and the round over (with lncc order 0 goes on in the next one) or, asked in vain, going on: also where
 // there is enough shear later, when nobody asks. What order 0 weighs from then on, on finer levels too, depends on it.
 TEST(Checkpoint, ResumesWhereASlipIsLookedForEarlyWithTheSameEnd) {

@@ -181,6 +181,43 @@ TEST(MatchingObjective, BeginsWithTheVelocityOfEveryScale) {
   }
 }
 
+// Oracle: the mean under each scale's kernel, of which every value is asked for by a unit momentum of its own. First
+// orders stay as they are.
+TEST(MatchingObjective, SmoothsOrderZeroUnderEachKernel) {
+  omp_set_num_threads(1);
+  const MatchingLevel<2, double> level = waves();
+  const auto scales = mixed_scales(level.lattice);
+  std::vector<MomentumScale<2, double>*> all;
+  for (const auto& scale : scales) all.push_back(scale.get());
+  const RegistrationOptions options = default_options(Model::Gaussian, SimilarityType::Ssd, Preset::Balanced);
+  MatchingObjective<2, double> objective(
+      all, level, make_similarity<2, double>(SimilarityType::Ssd, level.lattice, options.similarity_parameters, 1.0),
+      0.0);
+  const std::vector<double> before = testing::random_values(objective.size(), 5, 0.1);
+  std::vector<double> x = before;
+  objective.smooth_zeroth(x);
+  std::size_t at = 0;
+  for (std::size_t s = 0; s < all.size(); ++s) {
+    SCOPED_TRACE(s);
+    const std::size_t field = all[s]->field_size(), zeroth = has_zeroth(all[s]->options().orders) ? field : 0,
+                      first = all[s]->has_first_order() ? 2 * field : 0;
+    std::vector<double> sum(zeroth), mass(zeroth), unit(field), row(field);
+    for (std::size_t j = 0; j < zeroth; ++j) {
+      unit[j] = 1;
+      all[s]->synthesise(unit.data(), nullptr, row.data());
+      unit[j] = 0;
+      for (std::size_t i = j % 2; i < zeroth; i += 2) {  // the same component
+        sum[i] += row[i] * before[at + j];
+        mass[i] += row[i];
+      }
+    }
+    for (std::size_t i = 0; i < zeroth; ++i) ASSERT_NEAR(x[at + i], sum[i] / mass[i], 1e-12) << i;
+    for (std::size_t i = zeroth; i < zeroth + first; ++i) ASSERT_EQ(x[at + i], before[at + i]) << i;
+    at += zeroth + first;
+  }
+  EXPECT_EQ(at, x.size());
+}
+
 // The images are warped with the map of the flow's lattice, taken linearly between its samples.
 TEST(MatchingObjective, WarpsWithTheMapOfACoarserFlow) {
   omp_set_num_threads(1);

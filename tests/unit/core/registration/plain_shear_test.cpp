@@ -5,6 +5,7 @@
 #include <Eigen/Geometry>
 
 #include <algorithm>
+#include <cmath>
 #include <limits>
 
 #include "core/evaluation/field_error.h"
@@ -263,6 +264,97 @@ TEST(PlainShear, IsNotShownByASlipAroundASmallBody) {
   }
 }
 
+// Order 0 that was quick gives up what is sharp, which first orders are there for. Oracle: the truth, and order 0 that
+// keeps what it has found.
+TEST(QuickShare, SavesWhatOrderZeroWouldGiveUpLittleByLittle) {
+  Sums kept, given_up;
+  for (double slip_mm : {4, 6}) {
+    const Phantom<3> body = body_that_slides(16, slip_mm);
+    for (const auto& [share, weight] : {std::pair(0.0, 0.997), std::pair(0.0, 1.0), std::pair(0.0, 1.003),
+                                        std::pair(-1.0, 0.997), std::pair(-1.0, 1.0), std::pair(-1.0, 1.003)}) {
+      RegistrationOptions options = default_options(Model::Auto, SimilarityType::Lncc, Preset::Balanced);
+      options.momenta.quick_share = share;
+      options.similarity_parameters.weight = weight;  // single runs differ by more than what is asked
+      const RegistrationResult<3> found = register_images<3>(pair_of(body), options);
+      const LevelSummary& level = asked(found.summary);
+      ASSERT_EQ(level.decision, FirstOrderDecision::LetIn);
+      EXPECT_EQ(level.gave_up_sharp, share != 0);
+      EXPECT_GT(level.quick_share, 0.75);
+      EXPECT_LT(level.quick_share, 1);
+      add<3>(found, body, share == 0 ? kept : given_up);
+    }
+  }
+  EXPECT_LT(given_up.evaluations, 0.95 * kept.evaluations);
+  EXPECT_LT(given_up.error_mm, 1.03 * kept.error_mm);
+  EXPECT_LT(given_up.error_near_mm, 1.03 * kept.error_near_mm);
+}
+
+// Of order 0 that has not settled nobody knows how much its first iterations had, and one that is stopped before it
+// took a step has what it had.
+TEST(QuickShare, GivesUpNothingForNothing) {
+  RegistrationOptions options = default_options(Model::Auto, SimilarityType::Lncc, Preset::Balanced);
+  options.pyramid.levels = 1;
+  options.momenta.first_order_shear = options.momenta.quick_share = 1e-9;
+  const RegistrationInput<2> input = pair_of(phantom<2>(PhantomKind::Slip, 30));
+  const RegistrationResult<2> whole = register_images<2>(input, options);
+  ASSERT_TRUE(asked(whole.summary).gave_up_sharp);
+  const int rounds = first_iterations(whole.summary, asked(whole.summary));
+  const auto stopped_at = [&](double share, int call) {
+    options.momenta.quick_share = share;
+    int calls = 0;
+    return register_images<2>(input, options, [&](const Progress& now) {
+      return now.iteration == rounds && ++calls == call ? ProgressAnswer::Stop : ProgressAnswer::Continue;
+    });
+  };
+  // The last step of order 0 is told, then what is asked of its displacement, then the next round's first evaluation.
+  int call = 1;
+  while (stopped_at(0, call).summary.levels[0].decision != FirstOrderDecision::LetIn) ASSERT_LT(++call, 100);
+  const RegistrationResult<2> kept = stopped_at(0, call), given_up = stopped_at(1e-9, call);
+  EXPECT_EQ(kept.summary.termination, Termination::Stopped);
+  EXPECT_EQ(asked(given_up.summary).decision, FirstOrderDecision::LetIn);
+  EXPECT_FALSE(asked(given_up.summary).gave_up_sharp);
+  EXPECT_EQ(given_up.displacement.samples, kept.displacement.samples);
+  options.momenta.quick_share = 1e-9;
+  options.optimisation.max_iterations = 8;
+  const RegistrationResult<2> few = register_images<2>(input, options);
+  EXPECT_EQ(asked(few.summary).decision, FirstOrderDecision::LetIn);
+  EXPECT_FALSE(asked(few.summary).gave_up_sharp);
+  EXPECT_EQ(asked(few.summary).quick_share, -1);
+}
+
+// The share is that of the energies that the round itself tells of.
+TEST(QuickShare, IsThatOfTheFirstTenIterations) {
+  RegistrationOptions options = default_options(Model::Auto, SimilarityType::Lncc, Preset::Balanced);
+  options.pyramid.levels = 1;
+  options.momenta.first_order_shear = 1e-9;
+  const RegistrationInput<2> input = pair_of(phantom<2>(PhantomKind::Slip, 30));
+  const RegistrationResult<2> found = register_images<2>(input, options);
+  const LevelSummary& level = asked(found.summary);
+  const int rounds = first_iterations(found.summary, level);
+  ASSERT_GT(rounds, 10);
+  const auto energy = [&](int iteration) {
+    return found.summary.history[static_cast<std::size_t>(iteration) - 1].energy;
+  };
+  EXPECT_NEAR(level.quick_share, (level.energy_before - energy(10)) / (level.energy_before - energy(rounds)), 1e-12);
+  EXPECT_FALSE(level.gave_up_sharp) << "not in 2-D";
+  // So much is enough, and no more.
+  options.momenta.quick_share = level.quick_share;
+  const RegistrationResult<2> smooth = register_images<2>(input, options);
+  EXPECT_TRUE(asked(smooth.summary).gave_up_sharp);
+  EXPECT_NE(smooth.displacement.samples, found.displacement.samples);
+  options.momenta.quick_share = std::nextafter(level.quick_share, 1.0);
+  const RegistrationResult<2> same = register_images<2>(input, options);
+  EXPECT_FALSE(asked(same.summary).gave_up_sharp);
+  EXPECT_EQ(same.displacement.samples, found.displacement.samples);
+  // Early nobody knows how quick order 0 is.
+  options.momenta.quick_share = 1e-9;
+  options.momenta.plain_shear = 1e-9;
+  const RegistrationResult<2> early = register_images<2>(input, options);
+  EXPECT_TRUE(asked(early.summary).was_plain);
+  EXPECT_FALSE(asked(early.summary).gave_up_sharp);
+  EXPECT_EQ(asked(early.summary).quick_share, -1);
+}
+
 /// No first order wants to be there: order 0 goes on until it has settled, and all that the look was is an evaluation.
 void expect_a_look_in_vain(RegistrationOptions options) {
   const RegistrationInput<2> input = pair_of(phantom<2>(PhantomKind::Slip));
@@ -412,6 +504,16 @@ TEST(PlainShear, IsWhatWasMeasured) {
       EXPECT_EQ(momenta(Model::Auto, similarity, preset, plane).settled_plain_shear, 0);
       EXPECT_EQ(momenta(Model::Sliding, similarity, preset, cube).settled_plain_shear, 0);
     }
+  for (SimilarityType similarity : all_similarities())
+    for (Preset preset : all_presets()) {
+      const bool is_slow = similarity == SimilarityType::Mi || similarity == SimilarityType::Ngf;
+      EXPECT_EQ(momenta(Model::Auto, similarity, preset, cube).quick_share,
+                preset != Preset::Balanced || similarity == SimilarityType::Ssd ? 0
+                : is_slow                                                       ? 0.65
+                                                                                : 0.75);
+      EXPECT_EQ(momenta(Model::Auto, similarity, preset, plane).quick_share, 0);
+      EXPECT_EQ(momenta(Model::Sliding, similarity, preset, cube).quick_share, 0);
+    }
   // One weight for all slips: as much is asked of all.
   RegistrationOptions stiff = default_options(Model::Auto, SimilarityType::Lncc, Preset::Balanced);
   stiff.momenta.regularisation_beside_first = 12 * stiff.momenta.regularisation;
@@ -427,6 +529,8 @@ TEST(PlainShear, IsWhatWasMeasured) {
   sliding.momenta.first_order_shear = sliding.momenta.settled_plain_shear = -1;
   EXPECT_EQ(resolved(sliding, cube).momenta.first_order_shear, 12);
   EXPECT_EQ(resolved(sliding, cube).momenta.settled_plain_shear, 0);
+  sliding.momenta.quick_share = -1;
+  EXPECT_EQ(resolved(sliding, cube).momenta.quick_share, 0);
   RegistrationOptions less = default_options(Model::Auto, SimilarityType::Lncc, Preset::Balanced);
   less.momenta.first_order_shear = 2;  // a plain slip stays what it is
   EXPECT_EQ(resolved(less, cube).momenta.plain_shear, 24);
@@ -464,6 +568,12 @@ TEST(PlainShear, IsRefusedWhereItCannotBeMeant) {
   EXPECT_THAT(problems(options), ElementsAre(HasSubstr("plain_shear is 12 and first_order_shear is 0")));
   options.momenta.first_order_shear = 12;
   EXPECT_TRUE(problems(options).empty());
+  options.momenta.quick_share = 0.5;
+  EXPECT_THAT(problems(options), ElementsAre(HasSubstr("quick_share is 0.5 and first_order_waits is false")));
+  options.momenta.first_order_waits = true;
+  EXPECT_TRUE(problems(options).empty());
+  options.momenta.plain_shear = options.momenta.first_order_shear = 0;
+  EXPECT_THAT(problems(options), ElementsAre(HasSubstr("quick_share is 0.5 and first_order_shear is 0")));
   // Where it turns out that order 0 is not asked, it is of no use, and no mistake.
   options = default_options(Model::Auto, SimilarityType::Ssd, Preset::Balanced);
   options.momenta.plain_shear = 12;

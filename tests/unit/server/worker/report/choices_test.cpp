@@ -210,6 +210,17 @@ TEST(Choices, TellWhetherFirstOrderMomentaWereLetInAndWhy) {
   momenta.settled_plain_shear = 12.75;
   EXPECT_THAT(line(),
               is("let in", "12.5", "something slides; regularisation is 0.125 beside them (the slip is not plain)"));
+  level.quick_share = 0.875;
+  EXPECT_THAT(line(), Not(Contains(Field(&Choice::why, HasSubstr("ten iterations"))))) << "nobody asked";
+  momenta.quick_share = 0.75;
+  level.gave_up_sharp = true;
+  EXPECT_THAT(line(), Contains(Field(&Choice::why, HasSubstr("(the slip is not plain); ten iterations had 88 % of "
+                                                             "what order 0 brought (asked: 75 %): it gave up what was "
+                                                             "sharp, which it finds again as fast"))));
+  level.gave_up_sharp = false;
+  EXPECT_THAT(line(), Contains(Field(&Choice::why, HasSubstr("(asked: 75 %): it kept what it had found"))));
+  level.quick_share = -1;
+  EXPECT_THAT(line(), Not(Contains(Field(&Choice::why, HasSubstr("ten iterations")))));
   level.decision = FirstOrderDecision::LeftOut;
   EXPECT_THAT(line(), is("left out", "12.5", "something slides, but none"));
   level.simple_shear = 2.5;

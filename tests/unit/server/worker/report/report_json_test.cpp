@@ -62,6 +62,12 @@ TEST(ReportJson, TellsWhatALevelDecidedOnFirstOrderMomenta) {
     if (is_in) expected.update({{"is_plain", true}, {"regularisation_beside", 0.25}});
     EXPECT_EQ(json::parse(json_of(scene.report))["levels"][0]["first_order_momenta"], expected);
   }
+  level.decision = FirstOrderDecision::LetIn;
+  level.quick_share = 0.875;
+  level.gave_up_sharp = true;
+  const json found = json::parse(json_of(scene.report))["levels"][0]["first_order_momenta"];
+  EXPECT_EQ(found["quick_share"], 0.875);
+  EXPECT_EQ(found["order_0_gave_up_sharp"], true);
 }
 
 TEST(ReportJson, TellsWhatNarrowWidthsCountAndWhy) {
