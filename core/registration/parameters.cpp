@@ -369,7 +369,7 @@ const std::vector<Parameter>& parameters() {
           "quick_share", "", -1, Lower::Inclusive, 1,
           "where ten iterations had so large a share of what order 0 brought alone before it settled, it gives up what "
           "is sharp when order 1 is let in, and finds anew what it is to have of that; 0: never, -1 (and nothing else "
-          "below 0): by model, similarity, dimension and preset",
+          "below 0): by model, similarity, dimension and preset, where oriented momenta are alone",
           [](O & o) -> auto& { return o.momenta.quick_share; }),
       real(
           "finer_shear", "", -1, Lower::Inclusive, inf,

@@ -434,7 +434,7 @@ bool PyramidRun<Dim>::report() {
 
 template <int Dim>
 bool PyramidRun<Dim>::accept(const MinimiseStep& taken) {
-  before_round_ = {};
+  std::vector<Scalar>().swap(before_round_);
   const EnergyParts& parts = objective_->parts();
   summary_.history.push_back({now_.level, level_.rounds, level_.iterations + taken.iteration, taken.energy,
                               parts.similarity, parts.regularisation, taken.sparsity, taken.step, taken.optimality});

@@ -122,10 +122,11 @@ double finer_shear(int dimension, const RegistrationOptions& options) {
 
 /// Where a few iterations bring most of what order 0 brings, as where little but a slip is to be seen, they bring it
 /// again. Thoraxes and livers have up to 0.57 with mi and ngf, which are slow to settle, and up to 0.71 with the
-/// others; core/measurements.md, "Where order 0 begins beside first orders".
+/// others; core/measurements.md, "Where order 0 begins beside first orders". Measured beside oriented momenta alone.
 double quick_share(int dimension, const RegistrationOptions& options) {
   const bool is_measured = options.model == Model::Auto && dimension == 3 && options.preset == Preset::Balanced;
-  if (!is_measured || !options.momenta.first_order_waits) return 0;
+  const bool has_elements_alone = options.momenta.orientations > 0 && options.momenta.oriented_alone == 2;
+  if (!is_measured || !has_elements_alone || !options.momenta.first_order_waits) return 0;
   return options.similarity == SimilarityType::Mi || options.similarity == SimilarityType::Ngf ? 0.65 : 0.75;
 }
 

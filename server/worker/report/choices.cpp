@@ -77,7 +77,9 @@ std::string measured_from(const std::string& name, const ReportInput<Dim>& input
            (is_one_weight ? ", with one weight beside all slips (regularisation_beside_first)" : "");
   }
   if (name == "quick_share")
-    return "from the model, the similarity, the preset and the dimension, for which it was measured";
+    return "from the model, the similarity, the preset and the dimension, where oriented momenta are alone and wait "
+           "for "
+           "order 0, for which it was measured";
   if (name == "plain_shear")
     return "by first_order_shear, where order 0 need not settle first: from the similarity, the dimension, the preset "
            "and its weight beside first orders";

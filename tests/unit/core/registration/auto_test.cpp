@@ -252,8 +252,6 @@ TEST(AutoModel, HasOrientedMomentaAloneIn3d) {
     options.momenta.oriented_width = 1;
     options.momenta.oblique_share = 0.7;
     options.momenta.oriented_alone = 1;
-    // Beside order 0 that keeps what it has found: along this very axis they gain more than elements where it does not.
-    options.momenta.quick_share = 0;
     const Outcome along_axes = outcome_of(phantom, options);
     EXPECT_TRUE(along_axes.has_momenta_along_axes);
     const bool is_lncc = similarity == SimilarityType::Lncc;  // loses a little here, and gains at other angles

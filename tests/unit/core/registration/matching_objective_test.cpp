@@ -94,6 +94,18 @@ std::vector<std::unique_ptr<MomentumScale<2, double>>> mixed_scales(const Lattic
   return scales;
 }
 
+std::vector<MomentumScale<2, double>*> pointers_to(
+    const std::vector<std::unique_ptr<MomentumScale<2, double>>>& scales) {
+  std::vector<MomentumScale<2, double>*> all;
+  for (const auto& scale : scales) all.push_back(scale.get());
+  return all;
+}
+
+MatchingObjective<2, double> ssd_of(const std::vector<MomentumScale<2, double>*>& scales,
+                                    const MatchingLevel<2, double>& level) {
+  return {scales, level, make_similarity<2, double>(SimilarityType::Ssd, level.lattice, {}, 1.0), 0.0};
+}
+
 // Oracle: each scale's own penalty. Without images there is nothing else in the energy. Nothing of what was in the
 // gradient before is left.
 TEST(MatchingObjective, PenalisesEveryScale) {
@@ -101,12 +113,8 @@ TEST(MatchingObjective, PenalisesEveryScale) {
   MatchingLevel<2, double> level = waves();
   level.similarity_weight = 0;
   const auto scales = mixed_scales(level.lattice);
-  std::vector<MomentumScale<2, double>*> all;
-  for (const auto& scale : scales) all.push_back(scale.get());
-  const RegistrationOptions options = default_options(Model::Gaussian, SimilarityType::Ssd, Preset::Balanced);
-  MatchingObjective<2, double> objective(
-      all, level, make_similarity<2, double>(SimilarityType::Ssd, level.lattice, options.similarity_parameters, 1.0),
-      0.0);
+  const std::vector<MomentumScale<2, double>*> all = pointers_to(scales);
+  MatchingObjective<2, double> objective = ssd_of(all, level);
   const std::vector<double> x = testing::random_values(objective.size(), 5, 0.01);
   std::vector<double> gradient(x.size(), std::numeric_limits<double>::quiet_NaN());
   std::vector<double> preconditioned(objective.working_set().dense_size(), std::numeric_limits<double>::quiet_NaN());
@@ -140,8 +148,7 @@ TEST(MatchingObjective, BeginsWithTheVelocityOfEveryScale) {
   omp_set_num_threads(1);
   const Lattice<2> lattice = waves().lattice;
   const auto scales = mixed_scales(lattice);
-  std::vector<MomentumScale<2, double>*> all;
-  for (const auto& scale : scales) all.push_back(scale.get());
+  const std::vector<MomentumScale<2, double>*> all = pointers_to(scales);
   GeodesicShooting<2, double> shooting(all, lattice, 2, Evolution::Carried);
   for (std::uint64_t seed : {3, 4}) {
     Field<double> expected(2 * lattice.sites());
@@ -187,12 +194,8 @@ TEST(MatchingObjective, SmoothsOrderZeroUnderEachKernel) {
   omp_set_num_threads(1);
   const MatchingLevel<2, double> level = waves();
   const auto scales = mixed_scales(level.lattice);
-  std::vector<MomentumScale<2, double>*> all;
-  for (const auto& scale : scales) all.push_back(scale.get());
-  const RegistrationOptions options = default_options(Model::Gaussian, SimilarityType::Ssd, Preset::Balanced);
-  MatchingObjective<2, double> objective(
-      all, level, make_similarity<2, double>(SimilarityType::Ssd, level.lattice, options.similarity_parameters, 1.0),
-      0.0);
+  const std::vector<MomentumScale<2, double>*> all = pointers_to(scales);
+  MatchingObjective<2, double> objective = ssd_of(all, level);
   const std::vector<double> before = testing::random_values(objective.size(), 5, 0.1);
   std::vector<double> x = before;
   objective.smooth_zeroth(x);

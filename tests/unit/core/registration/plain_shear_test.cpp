@@ -514,6 +514,13 @@ TEST(PlainShear, IsWhatWasMeasured) {
       EXPECT_EQ(momenta(Model::Auto, similarity, preset, plane).quick_share, 0);
       EXPECT_EQ(momenta(Model::Sliding, similarity, preset, cube).quick_share, 0);
     }
+  // It was measured beside elements alone.
+  for (const auto& [orientations, alone] : {std::pair(0, 0), std::pair(9, 0), std::pair(9, 1)}) {
+    RegistrationOptions others = default_options(Model::Auto, SimilarityType::Ncc, Preset::Balanced);
+    others.momenta.orientations = orientations;
+    others.momenta.oriented_alone = alone;
+    EXPECT_EQ(resolved(others, cube).momenta.quick_share, 0) << orientations << ' ' << alone;
+  }
   // One weight for all slips: as much is asked of all.
   RegistrationOptions stiff = default_options(Model::Auto, SimilarityType::Lncc, Preset::Balanced);
   stiff.momenta.regularisation_beside_first = 12 * stiff.momenta.regularisation;
