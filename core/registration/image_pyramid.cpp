@@ -5,6 +5,7 @@
 #include "core/grid/pyramid.h"
 #include "core/registration/finish.h"
 #include "core/registration/scales.h"
+#include "core/support/free_memory.h"
 
 #include <Eigen/LU>
 #include <algorithm>
@@ -62,7 +63,7 @@ std::vector<float> reduced(const Lattice<Dim>& from, std::vector<float> samples,
   if (weights.empty()) return plain;
   for (std::size_t i = 0; i < samples.size(); ++i) samples[i] *= weights[i];
   const std::vector<float> sum = downsampled(from, samples, to, smoothing);
-  samples = {};  // memory_estimate counts what is held at the same time
+  free_vector(samples);  // memory_estimate counts what is held at the same time
   const std::vector<float> share = downsampled(from, weights, to, smoothing);
   for (std::size_t i = 0; i < plain.size(); ++i)
     if (share[i] > float(1e-3)) plain[i] = sum[i] / share[i];
@@ -235,7 +236,7 @@ MatchingLevel<Dim, float> ImagePyramid<Dim>::make_level(int level, const Lattice
   };
   made.fixed = on_part(reduced(fixed_lattice_, scaled(input_.fixed, fixed_weights), fixed_weights, whole, smoothing));
   if (input_.fixed_mask) made.fixed_weights = on_part(downsampled(fixed_lattice_, fixed_weights, whole));
-  fixed_weights = {};
+  free_vector(fixed_weights);
   const Lattice<Dim> moving = moving_level_lattice(fixed_lattice_, moving_lattice_, level);
   std::vector<float> moving_weights = binary(input_.moving_mask);
   made.moving = framed(scaled(input_.moving, moving_weights), moving_weights, smoothing, moving);

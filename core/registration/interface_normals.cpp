@@ -3,6 +3,7 @@
 #include "core/grid/interpolation.h"
 #include "core/kernels/separable_convolution.h"
 #include "core/registration/field_derivative.h"
+#include "core/support/free_memory.h"
 
 #include <Eigen/Core>
 #include <Eigen/Eigenvalues>
@@ -135,7 +136,7 @@ typename InterfaceNormals<Dim, T>::Normals InterfaceNormals<Dim, T>::on(const La
   if (with_strengths)
     make_shares(lattice, strength);
   else
-    strength = {};
+    free_vector(strength);
   return {std::move(normals), std::move(strength),
           strong > 0 ? static_cast<double>(oblique) / static_cast<double>(strong) : 0.0};
 }

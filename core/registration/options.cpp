@@ -180,8 +180,8 @@ RegistrationOptions default_options(Model model, SimilarityType similarity, Pres
     if (similarity != SimilarityType::Ssd && preset == Preset::Balanced) {
       o.momenta.even_sparsity = 1.5;
       o.optimisation.round_tolerance = -1;
-      // Of the rounds with first orders: order 0 alone has look_tolerance.
-      if (similarity != SimilarityType::Ncc) o.optimisation.tolerance = 4e-2;
+      // Of the rounds with first orders, and of order 0 where a slip shows by then: else it has look_tolerance.
+      if (similarity != SimilarityType::Ncc) o.optimisation.tolerance = similarity == SimilarityType::Ngf ? 3e-2 : 4e-2;
     }
     // Of ncc and mi, which are statistics of all that is compared, it would change the weight.
     if (similarity != SimilarityType::Ncc && similarity != SimilarityType::Mi) o.pyramid.region_margin = 4;

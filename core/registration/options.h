@@ -70,12 +70,12 @@ struct RegistrationOptions {
     double coarser_regularisation = 1;
     /// That, once first orders take part; 0: no other, but for auto where the preset is not fast ten times as much with
     /// lncc, three times with mi and ngf and in 2-D twice with mind, but in 3-D with balanced, where first orders are
-    /// asked for, five times with lncc and once with ngf (core/measurements.md, "Regularisation"). Given alone it is
-    /// that of plain slips as well, and with lncc and ngf in 3-D more shear is asked of all.
+    /// asked for, five times with lncc, once with ngf and half with mind (core/measurements.md, "Regularisation").
+    /// Given alone it is that of plain slips as well, and with these three in 3-D more shear is asked of all.
     double regularisation_beside_first = 0;
     /// That instead, where it was a plain slip that let them in: early (plain_shear) or in the end
-    /// (settled_plain_shear). 0: no other, but for auto in 3-D with balanced ten times that of order 0 alone with lncc
-    /// and three times with ngf, unless regularisation_beside_first is given.
+    /// (settled_plain_shear). 0: no other, but for auto in 3-D with balanced ten times that of order 0 alone with lncc,
+    /// three times with ngf and once with mind, unless regularisation_beside_first is given.
     double regularisation_beside_plain = 0;
     int first_order_scales = 0;         ///< number of order-1 scales; 0 leaves order 1 out
     int first_order_finest_scale = -1;  ///< that of order 1; -1: the finest level's, for Wendland1 in 3-D at least 1
@@ -100,9 +100,9 @@ struct RegistrationOptions {
     int reweighted_rounds = 0;      ///< times that a level is solved again with weights made from the momenta found
     bool debias = false;            ///< a last round without sparsity on the momenta found
     std::vector<double> direction;  ///< of the derivative of model directional: a unit vector, world (LPS)
-    /// On each level order 1 takes part only if the displacement of order 0, settled alone, is simple shear to so
-    /// much, as it is or less what most of the image does (simple_shear.h); 0: always; -1: what was measured
-    /// (core/measurements.md, "Only where it slides").
+    /// On each level order 1 takes part only if the displacement of order 0, settled alone to `tolerance` or to
+    /// look_tolerance, is simple shear to so much, as it is or less what most of the image does (simple_shear.h); 0:
+    /// always; -1: what was measured (core/measurements.md, "Only where it slides").
     double first_order_shear = 0;
     /// With so much of it early on a level order 0 need not settle first; 0: it always does; -1: what was measured
     /// (core/measurements.md, "Only where it slides").
@@ -110,9 +110,9 @@ struct RegistrationOptions {
     /// With so much of it a slip is plain as well where order 0 has settled, for regularisation_beside_plain; 0: none
     /// is; -1: what was measured (core/measurements.md, "Only where it slides").
     double settled_plain_shear = 0;
-    /// Where ten iterations had at least this share of what order 0 brought alone before it settled, it gives up what
-    /// is sharp when first orders that waited are let in: the momentum of each scale becomes its mean under the scale's
-    /// kernel. 0: never; -1: what was measured (core/measurements.md, "Where order 0 begins beside first orders").
+    /// Where ten iterations had at least this share of what brought order 0, alone, to `tolerance`, it gives up what is
+    /// sharp when first orders that waited are let in: each scale's momentum becomes its mean under the scale's kernel.
+    /// 0: never; -1: what was measured (core/measurements.md, "Where order 0 begins beside first orders").
     double quick_share = 0;
     /// Where first orders that do not wait were left out on the finest level and order 0 ends at a coarser scale, it
     /// gets the finer ones as well, settles again and lets first orders in with so much simple shear; 0: it does not;
@@ -169,8 +169,8 @@ struct RegistrationOptions {
     /// A round that differs from the one before by the weights of its sparsity, and by how far elements have turned,
     /// begins with the pairs that L-BFGS has. Not after one in which first orders waited, or that found no way down.
     bool keep_pairs = false;
-    /// The same of a round of order 0 alone, where smaller than `tolerance`: one whose displacement is then asked
-    /// whether something slides, or on a level without first orders; 0: `tolerance`.
+    /// The same of order 0 alone, where smaller: on a level without first orders, or where no slip showed when it had
+    /// settled to `tolerance`, before it is asked again; 0: `tolerance`.
     double look_tolerance = 0;
     double optimality_tolerance = 1e-3;  ///< a level ends when the optimality residual is this share of its first
     /// A round without first orders ends when the square of the residual is at most this share of what the images'

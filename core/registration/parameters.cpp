@@ -280,14 +280,15 @@ const std::vector<Parameter>& parameters() {
           "regularisation_beside_first", "per mm^2", 0, Lower::Inclusive, inf,
           "weight of the order-0 part once first orders take part; 0: that of regularisation, or what full_contrast "
           "says, and for auto, but fast, ten times that with lncc, three times with mi and ngf, in 2-D twice with "
-          "mind, but in 3-D with balanced five times with lncc and once with ngf where first_order_shear asks. Given "
-          "alone it is that of plain slips as well, and with lncc and ngf more is asked of all",
+          "mind, but in 3-D with balanced five times with lncc, once with ngf and half with mind where "
+          "first_order_shear asks. Given alone it is that of plain slips as well, and with lncc, ngf and mind more is "
+          "asked of all",
           [](O & o) -> auto& { return o.momenta.regularisation_beside_first; }),
       real(
           "regularisation_beside_plain", "per mm^2", 0, Lower::Inclusive, inf,
           "the same where a plain slip let them in (plain_shear, settled_plain_shear); 0: that of "
           "regularisation_beside_first, and where that is 0 for auto with balanced in 3-D ten times regularisation "
-          "with lncc and three times with ngf",
+          "with lncc, three times with ngf and once with mind",
           [](O & o) -> auto& { return o.momenta.regularisation_beside_plain; }),
       integer(
           "first_order_scales", "", 0, 8, "number of order-1 scales; 0 leaves order 1 out",
@@ -362,14 +363,15 @@ const std::vector<Parameter>& parameters() {
       real(
           "settled_plain_shear", "", -1, Lower::Inclusive, inf,
           "a slip is plain as well, for regularisation_beside_plain, where order 0 that has settled shows so much "
-          "simple shear; 0: none is, -1 (and nothing else below 0): for auto with balanced in 3-D 16 with lncc and 12 "
-          "with ngf unless regularisation_beside_first alone is given, otherwise 0",
+          "simple shear; 0: none is, -1 (and nothing else below 0): for auto with balanced in 3-D 20 with lncc and 12 "
+          "with ngf and mind unless regularisation_beside_first alone is given, otherwise 0",
           [](O & o) -> auto& { return o.momenta.settled_plain_shear; }),
       real(
           "quick_share", "", -1, Lower::Inclusive, 1,
-          "where ten iterations had so large a share of what order 0 brought alone before it settled, it gives up what "
-          "is sharp when order 1 is let in, and finds anew what it is to have of that; 0: never, -1 (and nothing else "
-          "below 0): by model, similarity, dimension and preset, where oriented momenta are alone",
+          "where ten iterations had so large a share of what order 0 brought alone until it settled to tolerance, "
+          "which took more than these, it gives up what is sharp when order 1 is let in, and finds anew what it is to "
+          "have of that; 0: never, -1 (and nothing else below 0): by model, similarity, dimension and preset, as "
+          "measured with their tolerance, where oriented momenta are alone",
           [](O & o) -> auto& { return o.momenta.quick_share; }),
       real(
           "finer_shear", "", -1, Lower::Inclusive, inf,
@@ -515,8 +517,9 @@ const std::vector<Parameter>& parameters() {
           [](O & o) -> auto& { return o.optimisation.keep_pairs; }),
       real(
           "look_tolerance", "", 0, Lower::Inclusive, 1,
-          "the same of a round of order 0 alone: before it is asked whether something slides, on a level without "
-          "first orders, or with a narrower scale; where smaller than tolerance, 0: that",
+          "the same of a round of order 0 alone, where smaller than tolerance: on a level without first orders, with "
+          "finer or narrower scales, or where something may slide and did not show when it had settled to tolerance, "
+          "before it is asked again; 0: tolerance",
           [](O & o) -> auto& { return o.optimisation.look_tolerance; }),
       real(
           "optimality_tolerance", "", 0, Lower::Inclusive, 1,

@@ -4,6 +4,7 @@
 #include "core/registration/expected_iterations.h"
 #include "core/registration/narrower_scale.h"
 #include "core/support/errors.h"
+#include "core/support/free_memory.h"
 #include "core/support/thread_count.h"
 
 #include <algorithm>
@@ -136,7 +137,7 @@ void PyramidRun<Dim>::release() {
   objective_.reset();
   for (std::vector<Scalar>* samples :
        {&images_.fixed, &images_.fixed_weights, &images_.moving.samples, &images_.moving_weights.samples})
-    std::vector<Scalar>().swap(*samples);
+    free_vector(*samples);
 }
 
 template <int Dim>
@@ -159,7 +160,7 @@ void PyramidRun<Dim>::begin_level(std::size_t step) {
   if (shear_before_ >= 0 && shear_before_ < options_.momenta.narrow_width_shear)
     level_.narrow_share = kNarrowShareOfSmooth;
   shear_before_ = -1;
-  gives_up_sharp_ = false;
+  gives_up_sharp_ = shows_slip_ = false;
   if (is_resumed_) level_ = reached_.level;
   if (level_.narrow_share < 1 || (is_resumed_ && (narrow_share() < 1 || has_narrower())))
     make_scales_anew(options_, narrow_share());
@@ -434,7 +435,7 @@ bool PyramidRun<Dim>::report() {
 
 template <int Dim>
 bool PyramidRun<Dim>::accept(const MinimiseStep& taken) {
-  std::vector<Scalar>().swap(before_round_);
+  free_vector(before_round_);
   const EnergyParts& parts = objective_->parts();
   summary_.history.push_back({now_.level, level_.rounds, level_.iterations + taken.iteration, taken.energy,
                               parts.similarity, parts.regularisation, taken.sparsity, taken.step, taken.optimality});

@@ -11,6 +11,16 @@ constexpr int kEarlyLook = 3;
 /// Iterations in which order 0 brings most of what it brings where it is quick, see momenta.quick_share.
 constexpr std::size_t kQuickIterations = 10;
 
+/// Iterations after which a round has settled to `tolerance` for the first time; -1: it has not.
+int settled_after(const std::vector<double>& energies, double tolerance) {
+  std::vector<double> until;
+  for (double energy : energies) {
+    until.push_back(energy);
+    if (has_settled(until, 0, tolerance)) return static_cast<int>(until.size()) - 1;
+  }
+  return -1;
+}
+
 }  // namespace
 
 /// Simple shear of what the momenta reached make, see shear_of_slip.
@@ -23,23 +33,37 @@ double PyramidRun<Dim>::shear_reached() {
 /// be there.
 template <int Dim>
 bool PyramidRun<Dim>::shows_slip(double least_shear) {
-  level_.simple_shear = shear_reached();
-  return level_.simple_shear >= least_shear && (!options_.momenta.first_order_waits || would_join());
+  const double shear = shear_reached();
+  const bool shows = shear >= least_shear && (!options_.momenta.first_order_waits || would_join());
+  level_.simple_shear = shear;  // not of a look in which the run is stopped: nothing rests on that
+  return shows;
 }
 
-/// The round of order 0 alone that first orders depend on. After a few iterations a slip may be so plain that the rest
-/// would tell nothing new; if it is not, the round goes on as if it had not been asked.
+/// The round of order 0 alone that first orders depend on. It is asked whenever the answer may be known: after a few
+/// iterations, where a slip may be so plain that the rest would tell nothing new, when it has settled as other rounds
+/// have to, and when it has gone on to look_tolerance. Until a slip shows the round goes on as if it had not been
+/// asked; one that is taken up again asks no more what it has asked before.
 template <int Dim>
 MinimiseSummary PyramidRun<Dim>::minimise_until_plain() {
+  const MinimiserState<Scalar>& state = reached_.minimiser;
   MinimiseOptions few = how_;
   few.max_iterations = std::min(how_.max_iterations, kEarlyLook);
-  // One that is taken up again beyond these was asked before.
-  if (options_.momenta.plain_shear > 0 && reached_.minimiser.iterations() <= few.max_iterations) {
+  if (options_.momenta.plain_shear > 0 && state.iterations() <= few.max_iterations) {
     const MinimiseSummary found = minimise_as(few);
     if (found.termination != MinimiseTermination::IterationLimit) return found;
     level_.was_plain = shows_slip(options_.momenta.plain_shear);
     if (level_.was_plain) return found;
     level_.simple_shear = 0;  // nothing rests on it
+  }
+  MinimiseOptions settled = how_;
+  settled.tolerance = options_.optimisation.tolerance;
+  const int asked_after = settled_after(state.energies, settled.tolerance);
+  if (how_.tolerance < settled.tolerance && (asked_after < 0 || asked_after == state.iterations())) {
+    const MinimiseSummary found = minimise_as(settled);
+    if (found.termination != MinimiseTermination::Settled) return found;
+    shows_slip_ = shows_slip(options_.momenta.first_order_shear);
+    if (shows_slip_) return found;
+    level_.simple_shear = 0;
   }
   return minimise_as(how_);
 }
@@ -50,7 +74,7 @@ template <int Dim>
 bool PyramidRun<Dim>::first_orders_are_worth_it() {
   const RegistrationOptions::Momenta& asked = options_.momenta;
   const bool is_worth_it =
-      level_.was_plain || shows_slip(level_.has_finer ? asked.finer_shear : asked.first_order_shear);
+      level_.was_plain || shows_slip_ || shows_slip(level_.has_finer ? asked.finer_shear : asked.first_order_shear);
   level_.decision = is_worth_it ? FirstOrderDecision::LetIn : FirstOrderDecision::LeftOut;
   if (is_worth_it && level_.has_finer) end_finer_scales();
   if (is_worth_it && !reached_.level_start.empty()) reached_.minimiser.x = std::move(reached_.level_start);
@@ -63,15 +87,18 @@ bool PyramidRun<Dim>::first_orders_are_worth_it() {
 }
 
 /// Of order 0, which is alone and has settled, when first orders are let in. What it would find again in a few
-/// iterations it gives up as far as it is sharp: to leave it to first orders little by little takes longer.
+/// iterations it gives up as far as it is sharp: to leave it to first orders little by little takes longer. Where so
+/// few were all that it took, they say nothing.
 template <int Dim>
 void PyramidRun<Dim>::look_how_quick_it_was() {
   const RegistrationOptions::Momenta& asked = options_.momenta;
   if (level_.was_plain || !asked.first_order_waits || !is_at_rest()) return;
   const std::vector<double>& energies = reached_.minimiser.energies;
-  const double whole = energies.front() - energies.back();
-  if (!(whole > 0)) return;
-  level_.quick_share = (energies.front() - energies[std::min(energies.size() - 1, kQuickIterations)]) / whole;
+  const int after = settled_after(energies, options_.optimisation.tolerance);
+  const std::size_t end = after < 0 ? energies.size() - 1 : static_cast<std::size_t>(after);
+  const double whole = energies.front() - energies[end];
+  if (end <= kQuickIterations || !(whole > 0)) return;
+  level_.quick_share = (energies.front() - energies[kQuickIterations]) / whole;
   gives_up_sharp_ = level_.gave_up_sharp = asked.quick_share > 0 && level_.quick_share >= asked.quick_share;
 }
 

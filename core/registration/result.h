@@ -64,8 +64,8 @@ struct LevelSummary {
                             ///< that whether a narrower scale is asked for rests on, 0: it was not looked at
   bool has_finer = false;  ///< that order 0 had the scales by then that it leaves to first orders (momenta.finer_shear)
   bool was_plain = false;  ///< that order 0 had not settled by then, nor needed to
-  double quick_share = -1;     ///< of what order 0 brought alone, what its first ten iterations had (all: 1); -1: not
-                               ///< looked at, as where it had not settled
+  double quick_share = -1;     ///< of what brought order 0, alone, to `tolerance`, what its first ten iterations had
+                               ///< (all: 1); -1: not looked at, as where it had not settled
   bool gave_up_sharp = false;  ///< that order 0 then began smooth beside first orders, see momenta.quick_share
   double shear_before = -1;    ///< simple shear that the level before ended with; -1: narrow_width_shear did not ask
   double narrow_share = 1;     ///< what narrow widths count in the order-0 scale that begins here while it is alone

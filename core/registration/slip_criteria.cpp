@@ -15,7 +15,8 @@ bool tells_plain(int dimension, const RegistrationOptions& options) {
   const RegistrationOptions::Momenta& momenta = options.momenta;
   const bool is_given = momenta.regularisation_beside_first > 0 && momenta.regularisation_beside_plain == 0;
   return options.model == Model::Auto && dimension == 3 && options.preset == Preset::Balanced && !is_given &&
-         (options.similarity == SimilarityType::Lncc || options.similarity == SimilarityType::Ngf);
+         (options.similarity == SimilarityType::Lncc || options.similarity == SimilarityType::Ngf ||
+          options.similarity == SimilarityType::Mind);
 }
 
 /// What the displacement of order 0 has at least where something slides, see simple_shear; core/measurements.md, "Only
@@ -56,7 +57,8 @@ Stiffer stiffer(int dimension, const RegistrationOptions& options) {
     case SimilarityType::Mi:
       return {3, 3};
     case SimilarityType::Mind:
-      return dimension == 2 ? Stiffer{2, 2} : Stiffer{1, 1};
+      if (dimension == 2) return {2, 2};
+      return {is_told ? 0.5 : 1.0, 1};
     case SimilarityType::Ssd:
     case SimilarityType::Ncc:
       return {1, 1};
@@ -78,7 +80,7 @@ void resolve_beside_first(int dimension, RegistrationOptions& o) {
   const Stiffer times = stiffer(dimension, o);
   const bool is_asked = o.momenta.first_order_shear > 0;
   const double beside_first = is_asked ? times.beside_first : times.beside_plain;
-  if (beside_first > 1) o.momenta.regularisation_beside_first = in_15_digits(beside_first * o.momenta.regularisation);
+  if (beside_first != 1) o.momenta.regularisation_beside_first = in_15_digits(beside_first * o.momenta.regularisation);
   if (is_asked && times.beside_plain > times.beside_first && o.momenta.regularisation_beside_plain == 0)
     o.momenta.regularisation_beside_plain = in_15_digits(times.beside_plain * o.momenta.regularisation);
 }
@@ -110,7 +112,7 @@ double plain_shear(int dimension, const RegistrationOptions& options) {
 /// What it has at least in the end, where the slip is plain; core/measurements.md, "Slips that are not plain".
 double settled_plain_shear(int dimension, const RegistrationOptions& options) {
   if (!tells_plain(dimension, options)) return 0;
-  return options.similarity == SimilarityType::Lncc ? 16 : 12;
+  return options.similarity == SimilarityType::Lncc ? 20 : 12;
 }
 
 /// With ssd in 3-D the same once order 0 has all scales. In 2-D a Gaussian of so many pixels follows noise, and smooth
@@ -121,13 +123,13 @@ double finer_shear(int dimension, const RegistrationOptions& options) {
 }
 
 /// Where a few iterations bring most of what order 0 brings, as where little but a slip is to be seen, they bring it
-/// again. Thoraxes and livers have up to 0.57 with mi and ngf, which are slow to settle, and up to 0.71 with the
-/// others; core/measurements.md, "Where order 0 begins beside first orders". Measured beside oriented momenta alone.
+/// again. Thoraxes and livers have up to 0.64 with mi and up to 0.78 with the others (ngf, voxels of 4 mm);
+/// core/measurements.md, "Where order 0 begins beside first orders". Measured beside oriented momenta alone.
 double quick_share(int dimension, const RegistrationOptions& options) {
   const bool is_measured = options.model == Model::Auto && dimension == 3 && options.preset == Preset::Balanced;
   const bool has_elements_alone = options.momenta.orientations > 0 && options.momenta.oriented_alone == 2;
   if (!is_measured || !has_elements_alone || !options.momenta.first_order_waits) return 0;
-  return options.similarity == SimilarityType::Mi || options.similarity == SimilarityType::Ngf ? 0.65 : 0.75;
+  return options.similarity == SimilarityType::Mi ? 0.7 : 0.79;
 }
 
 }  // namespace

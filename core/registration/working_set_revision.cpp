@@ -1,5 +1,6 @@
 #include "core/registration/pick_elements.h"
 #include "core/registration/working_set.h"
+#include "core/support/free_memory.h"
 
 #include <algorithm>
 #include <cmath>
@@ -312,7 +313,7 @@ Revision WorkingSet<Dim, T>::revise(MinimiserState<T>& state) {
   }
   fetch_gradients(before, state);
   for (FirstOrder& first : first_)
-    if (has_all_blocks(first)) first.gradient = {};  // from here on it is in the optimiser's vectors
+    if (has_all_blocks(first)) free_vector(first.gradient);  // from here on it is in the optimiser's vectors
   for (std::size_t s = 0; s < scales_.size(); ++s) {
     if (looked[s].empty()) continue;
     pick_elements<Dim>(looked[s], oriented_[s].gradient.data(), oriented_[s].active,

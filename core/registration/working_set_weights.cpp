@@ -2,6 +2,7 @@
 
 #include "core/momenta/reweighting.h"
 #include "core/support/errors.h"
+#include "core/support/free_memory.h"
 
 #include <algorithm>
 #include <cmath>
@@ -121,7 +122,7 @@ void WorkingSet<Dim, T>::weigh(const SparsityRound& round, const std::vector<T>&
         factors = support_factors(sizes_of(s, x));
         break;
     }
-    std::vector<T>().swap(oriented.strengths);
+    free_vector(oriented.strengths);
     if (oriented.momenta) {  // those of all normals in one list
       std::vector<float>& together = factors_[oriented.range];
       together.clear();

@@ -5,6 +5,7 @@
 #include "core/grid/noise.h"
 #include "core/similarity/box_sum.h"
 #include "core/similarity/similarity.h"
+#include "core/support/free_memory.h"
 #include "core/support/reduction.h"
 
 namespace saltus {
@@ -106,7 +107,7 @@ class SelfSimilarity final : public Similarity<Dim, T> {
     const double energy = compare(weights, weight_gradient);
     back_to_image(warped, weights, warped_distances_, warped_duals_, gradient, weight_gradient);
     if (weight_gradient) back_to_image(fixed, weights, fixed_distances_, fixed_duals_, nullptr, weight_gradient);
-    if (!weights) fixed_distances_ = {};
+    if (!weights) free_vector(fixed_distances_);
     return energy;
   }
 

@@ -107,8 +107,8 @@ std::string measured_from(const std::string& name, const ReportInput<Dim>& input
   if (name == "regularisation_beside_first")
     return input.options->similarity == SimilarityType::Ssd
                ? "from the fixed image's contrast, which is low (full_contrast), and the noise"
-               : "from regularisation, by model, similarity, preset and dimension: what is sharp is left to "
-                 "first orders";
+               : "from regularisation, by model, similarity, preset and dimension: how much of what is "
+                 "sharp is left to first orders";
   if (name == "regularisation_beside_plain")
     return "from regularisation, by model, similarity, preset and dimension: where a slip was plain (plain_shear, "
            "settled_plain_shear) it is all that is sharp";
@@ -136,7 +136,7 @@ std::string beside(const RegistrationOptions::Momenta& momenta, const LevelSumma
 std::string start_beside(const RegistrationOptions::Momenta& momenta, const LevelSummary& level) {
   if (momenta.quick_share == 0 || level.quick_share < 0) return "";
   return "; ten iterations had " + percentage(level.quick_share) +
-         " of what order 0 brought (asked: " + percentage(momenta.quick_share) + "): it " +
+         " of what order 0 brought until it settled (asked: " + percentage(momenta.quick_share) + "): it " +
          (level.gave_up_sharp ? "gave up what was sharp, which it finds again as fast" : "kept what it had found");
 }
 

@@ -210,7 +210,7 @@ TEST(AutoChoices, HoldsOrderZeroMoreBesideFirstOrders) {
   const std::map<SimilarityType, Measured> measured = {
       {SimilarityType::Ssd, {{0, 0}, {0, 0}, {0, 0}}},     {SimilarityType::Ncc, {{0, 0}, {0, 0}, {0, 0}}},
       {SimilarityType::Lncc, {{10, 0}, {10, 0}, {5, 10}}}, {SimilarityType::Mi, {{3, 0}, {3, 0}, {3, 0}}},
-      {SimilarityType::Ngf, {{3, 0}, {3, 0}, {0, 3}}},     {SimilarityType::Mind, {{2, 0}, {0, 0}, {0, 0}}}};
+      {SimilarityType::Ngf, {{3, 0}, {3, 0}, {0, 3}}},     {SimilarityType::Mind, {{2, 0}, {0, 0}, {0.5, 1}}}};
   for (const auto& [similarity, expected] : measured) {
     SCOPED_TRACE(to_string(similarity));
     const RegistrationOptions fast = default_options(Model::Auto, similarity, Preset::Fast);

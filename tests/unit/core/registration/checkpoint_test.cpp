@@ -212,13 +212,36 @@ TEST(Checkpoint, ResumesWhereFirstOrdersWereAskedForWithTheSameEnd) {
     }
 }
 
+// Asked when it has settled to `tolerance` and, in vain, again when it has gone on, with first orders let in by either
+// look or by none. Between the looks five iterations may bring more than `tolerance` again: nobody asks then.
+TEST(Checkpoint, ResumesWhereASlipIsLookedForTwiceWithTheSameEnd) {
+  for (SimilarityType similarity : {SimilarityType::Lncc, SimilarityType::Ssd}) {
+    RegistrationOptions options = asking(similarity, 1e-9);
+    options.optimisation.max_iterations = 24;
+    options.optimisation.tolerance = 0.3;
+    options.optimisation.look_tolerance = 0.03;
+    const double early = asked_of(register_images<2>(plane(), options), similarity).simple_shear;
+    options.momenta.first_order_shear = 1e9;
+    const double late = asked_of(register_images<2>(plane(), options), similarity).simple_shear;
+    ASSERT_LT(early, late) << "a slip that the first look does not see, and the second does";
+    for (double shear : {1e-9, (early + late) / 2, 1e9}) {
+      SCOPED_TRACE(to_string(similarity) + " " + std::to_string(shear));
+      options.momenta.first_order_shear = shear;
+      const LevelSummary found = asked_of(register_images<2>(plane(), options), similarity);
+      EXPECT_EQ(found.decision, shear < late ? FirstOrderDecision::LetIn : FirstOrderDecision::LeftOut);
+      EXPECT_EQ(found.simple_shear, shear < early ? early : late);
+      resumes_anywhere<2>(plane(), options);
+    }
+  }
+}
+
 // It begins smooth beside first orders once, not again where it is taken up.
 TEST(Checkpoint, ResumesWhereOrder0GaveUpWhatIsSharpWithTheSameEnd) {
   RegistrationOptions options = asking(SimilarityType::Lncc, 1e-9);
   options.momenta.quick_share = 1e-9;
   options.momenta.reweighted_rounds = 1;  // one more round, in which it does not
-  options.optimisation.max_iterations = 12;
-  options.optimisation.tolerance = 0.5;  // it is at rest before that
+  options.optimisation.max_iterations = 40;
+  options.optimisation.tolerance = 0.01;  // it is at rest before that, after more than ten
   options.optimisation.look_tolerance = 0;
   const RegistrationResult<2> whole = register_images<2>(plane(), options);
   ASSERT_TRUE(asked_of(whole, SimilarityType::Lncc).gave_up_sharp);

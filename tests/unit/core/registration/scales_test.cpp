@@ -129,7 +129,7 @@ TEST(ResolvedOptions, AskOfFirstOrdersWhatWasMeasured) {
   EXPECT_EQ(asked_of(SimilarityType::Mi, block(2)), 5);
   for (SimilarityType similarity : {SimilarityType::Ngf, SimilarityType::Mind}) {
     EXPECT_EQ(asked_of(similarity, plane(1)), 6);
-    EXPECT_EQ(asked_of(similarity, block(2)), similarity == SimilarityType::Ngf ? 5 : 10);
+    EXPECT_EQ(asked_of(similarity, block(2)), 5);
     EXPECT_EQ(resolved(automatic(similarity, Preset::Accurate), block(2)).momenta.first_order_shear, 12);
     EXPECT_EQ(resolved(automatic(similarity, Preset::Fast), block(2)).momenta.first_order_shear, 5)
         << "order 0 that has not settled shows less";

@@ -375,7 +375,7 @@ TEST(RoundTolerance, IsWhatWasMeasured) {
       }
 }
 
-// Order 0 goes on as long as asked before the look, and not longer where a level is more exact anyhow.
+// Order 0 that shows no slip goes on as long as asked, and not longer where a level is more exact anyhow.
 TEST(LookTolerance, LetsOrderZeroSettleBeforeFirstOrdersAreAskedFor) {
   RegistrationOptions options = default_options(Model::Auto, SimilarityType::Ssd, Preset::Balanced);
   options.threads = 1;
