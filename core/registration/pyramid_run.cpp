@@ -160,7 +160,7 @@ void PyramidRun<Dim>::begin_level(std::size_t step) {
   if (shear_before_ >= 0 && shear_before_ < options_.momenta.narrow_width_shear)
     level_.narrow_share = kNarrowShareOfSmooth;
   shear_before_ = -1;
-  gives_up_sharp_ = shows_slip_ = false;
+  gives_up_sharp_ = showed_slip_ = false;
   if (is_resumed_) level_ = reached_.level;
   if (level_.narrow_share < 1 || (is_resumed_ && (narrow_share() < 1 || has_narrower())))
     make_scales_anew(options_, narrow_share());
@@ -364,7 +364,7 @@ void PyramidRun<Dim>::minimise_round(std::size_t round) {
     const double share = is_same ? 1 : kShareOfRoundsBefore;
     how_.decrease_before = std::max(0.0, share * (level_.energy_before - level_.energy_after));
   }
-  const MinimiseSummary found = round == 0 && decides_ ? minimise_until_plain() : minimise_as(how_);
+  const MinimiseSummary found = round == 0 && decides_ ? minimise_until_slip_shows() : minimise_as(how_);
   if (level_.rounds == 1) how_.optimality_reference = found.first_optimality;
   count_round();
   level_.optimality = found.optimality;

@@ -87,7 +87,7 @@ class PyramidRun {
   void begin_round(std::size_t round);
   void minimise_round(std::size_t round);
   MinimiseSummary minimise_as(const MinimiseOptions& how);
-  MinimiseSummary minimise_until_plain();
+  MinimiseSummary minimise_until_slip_shows();
   void count_round();
   bool report();
   bool accept(const MinimiseStep& taken);
@@ -118,7 +118,7 @@ class PyramidRun {
   double shear_before_ = -1;  ///< of the next level, see LevelSummary
 
   // Of the level at hand.
-  bool shows_slip_ = false;           ///< order 0 when it had settled to `tolerance`
+  bool showed_slip_ = false;          ///< order 0 when it had settled to `tolerance`
   bool gives_up_sharp_ = false;       ///< order 0, when the next round begins, see momenta.quick_share
   std::vector<Scalar> before_round_;  ///< momenta, where it did, until a step is taken
   std::size_t step_ = 0;

@@ -44,7 +44,7 @@ bool PyramidRun<Dim>::shows_slip(double least_shear) {
 /// have to, and when it has gone on to look_tolerance. Until a slip shows the round goes on as if it had not been
 /// asked; one that is taken up again asks no more what it has asked before.
 template <int Dim>
-MinimiseSummary PyramidRun<Dim>::minimise_until_plain() {
+MinimiseSummary PyramidRun<Dim>::minimise_until_slip_shows() {
   const MinimiserState<Scalar>& state = reached_.minimiser;
   MinimiseOptions few = how_;
   few.max_iterations = std::min(how_.max_iterations, kEarlyLook);
@@ -61,8 +61,8 @@ MinimiseSummary PyramidRun<Dim>::minimise_until_plain() {
   if (how_.tolerance < settled.tolerance && (asked_after < 0 || asked_after == state.iterations())) {
     const MinimiseSummary found = minimise_as(settled);
     if (found.termination != MinimiseTermination::Settled) return found;
-    shows_slip_ = shows_slip(options_.momenta.first_order_shear);
-    if (shows_slip_) return found;
+    showed_slip_ = shows_slip(options_.momenta.first_order_shear);
+    if (showed_slip_) return found;
     level_.simple_shear = 0;
   }
   return minimise_as(how_);
@@ -74,7 +74,7 @@ template <int Dim>
 bool PyramidRun<Dim>::first_orders_are_worth_it() {
   const RegistrationOptions::Momenta& asked = options_.momenta;
   const bool is_worth_it =
-      level_.was_plain || shows_slip_ || shows_slip(level_.has_finer ? asked.finer_shear : asked.first_order_shear);
+      level_.was_plain || showed_slip_ || shows_slip(level_.has_finer ? asked.finer_shear : asked.first_order_shear);
   level_.decision = is_worth_it ? FirstOrderDecision::LetIn : FirstOrderDecision::LeftOut;
   if (is_worth_it && level_.has_finer) end_finer_scales();
   if (is_worth_it && !reached_.level_start.empty()) reached_.minimiser.x = std::move(reached_.level_start);
@@ -148,13 +148,13 @@ void PyramidRun<Dim>::begin_beside_first_orders() {
   if (has_objective) make_objective(rounds_[level_.has_finer ? 2 : 1]);
 }
 
-#define SALTUS_FIRST_ORDERS(DIM)                                    \
-  template double PyramidRun<DIM>::shear_reached();                 \
-  template MinimiseSummary PyramidRun<DIM>::minimise_until_plain(); \
-  template bool PyramidRun<DIM>::first_orders_are_worth_it();       \
-  template void PyramidRun<DIM>::look_how_quick_it_was();           \
-  template bool PyramidRun<DIM>::would_join();                      \
-  template double PyramidRun<DIM>::regularisation_beside() const;   \
+#define SALTUS_FIRST_ORDERS(DIM)                                         \
+  template double PyramidRun<DIM>::shear_reached();                      \
+  template MinimiseSummary PyramidRun<DIM>::minimise_until_slip_shows(); \
+  template bool PyramidRun<DIM>::first_orders_are_worth_it();            \
+  template void PyramidRun<DIM>::look_how_quick_it_was();                \
+  template bool PyramidRun<DIM>::would_join();                           \
+  template double PyramidRun<DIM>::regularisation_beside() const;        \
   template void PyramidRun<DIM>::begin_beside_first_orders();
 SALTUS_FIRST_ORDERS(2)
 SALTUS_FIRST_ORDERS(3)

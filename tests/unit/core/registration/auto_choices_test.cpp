@@ -335,6 +335,13 @@ TEST(AutoChoices, SettlesOrderZeroForLonger) {
       EXPECT_LT(asked.look_tolerance, 0.7 * asked.tolerance) << to_string(similarity);
     }
   EXPECT_EQ(look_tolerance(Model::Auto, SimilarityType::Lncc), 0.015);
+  // What order 0 leaves to rounds with first orders, ngf's have to go on with.
+  for (const auto& [similarity, tolerance] :
+       {std::pair(SimilarityType::Lncc, 0.04), std::pair(SimilarityType::Mi, 0.04),
+        std::pair(SimilarityType::Ngf, 0.03), std::pair(SimilarityType::Mind, 0.04),
+        std::pair(SimilarityType::Ncc, 0.025)})
+    EXPECT_EQ(default_options(Model::Auto, similarity, Preset::Balanced).optimisation.tolerance, tolerance)
+        << to_string(similarity);
   EXPECT_EQ(look_tolerance(Model::Auto, SimilarityType::Mi), 0.025);
   EXPECT_EQ(look_tolerance(Model::Auto, SimilarityType::Mind), 0.025);
   EXPECT_EQ(look_tolerance(Model::Sliding, SimilarityType::Lncc), 0);

@@ -303,6 +303,26 @@ TEST(SettledLook, ChangesNothingWhereNothingShows) {
     }
 }
 
+// A run that is stopped after a look in vain tells of no shear that anything rested on.
+TEST(SettledLook, LeavesNothingBehindWhereNothingShows) {
+  const RegistrationInput<2> input = pair_of(phantom<2>(PhantomKind::Slip, 30));
+  RegistrationOptions options = looking_twice(SimilarityType::Lncc);
+  options.pyramid.levels = 1;
+  options.momenta.first_order_shear = options.momenta.plain_shear = 1e9;
+  const RegistrationResult<2> whole = register_images<2>(input, options);
+  const int settled = settled_after(whole.summary, asked(whole.summary), 0.05);
+  ASSERT_GT(first_iterations(whole.summary, asked(whole.summary)), settled);
+  for (int after : {kLooksAfter, settled}) {
+    SCOPED_TRACE(after);
+    const RegistrationResult<2> stopped = register_images<2>(input, options, [&](const Progress& now) {
+      return now.iteration > after ? ProgressAnswer::Stop : ProgressAnswer::Continue;
+    });
+    EXPECT_EQ(stopped.summary.levels[0].iterations, after + 1);
+    EXPECT_EQ(stopped.summary.levels[0].decision, FirstOrderDecision::None);
+    EXPECT_EQ(stopped.summary.levels[0].simple_shear, 0);
+  }
+}
+
 // What shows when order 0 has gone on is let in then. How quick it was is told of what brought it to `tolerance`,
 // however long it went on.
 TEST(SettledLook, IsTakenAgainWhereOrderZeroHasGoneOn) {
