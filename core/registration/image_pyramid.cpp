@@ -15,8 +15,6 @@
 namespace saltus {
 namespace {
 
-/// What linear interpolation may take from the noise, standard deviation in units of the scaled intensities.
-constexpr double kLostNoise = 0.0075;
 /// Standard deviations of the noise within which background stays, all but one sample in thousands.
 constexpr double kNoise = 5;
 /// Of the range: where so much is noise, what an image shows cannot be told from background.
@@ -212,7 +210,8 @@ double ImagePyramid<Dim>::divergence_weight(int level) const {
 template <int Dim>
 double ImagePyramid<Dim>::smoothing_voxels(int level) const {
   const double asked = options_.similarity_parameters.smoothing_voxels;
-  return asked >= 0 ? asked : smoothing_against_noise(level_noise(level), Dim, kLostNoise);
+  return asked >= 0 ? asked
+                    : smoothing_against_noise(level_noise(level), Dim, options_.similarity_parameters.lost_noise);
 }
 
 template <int Dim>

@@ -74,7 +74,8 @@ class RoundMemory {
     const int level = options.pyramid.finest_level;
     if (smooth && options.momenta.narrower_pull > 0)
       return narrow_flow_lattice(image, options, level, std::max(level, finest_zeroth(options, smooth)));
-    return level_lattice(image, level + (smooth ? options.flow.coarsening : 0));
+    return smooth ? level_lattice(image, level + options.flow.coarsening)
+                  : flow_lattice_beside_first(image, options, level);
   }
   static double sites_of(const Lattice<Dim>& lattice) { return static_cast<double>(lattice.sites()); }
   double sites_of(int q) const { return sites_of(level_lattice(image_, q)); }
@@ -265,7 +266,8 @@ std::size_t memory_estimate(const ImageGrid<Dim>& fixed, const ImageGrid<Dim>& m
   // At the end, beside velocities and map: both images at full resolution with what they are made of, what warps them
   // and the similarity; then the fields, of the inverse some slabs on their way and how far it is off; then what a slip
   // surface is looked for in, see JumpDensity.
-  const double flow = sites_of(has_first ? finest : finest + options.flow.coarsening);
+  const double flow = has_first ? static_cast<double>(flow_lattice_beside_first(image, options, finest).sites())
+                                : sites_of(finest + options.flow.coarsening);
   const double similarity =
       full * (6 + similarity_scratch(options.similarity, Dim)) * kScalar + full_moving * 3 * kScalar;
   const double fields = full * (kVector<Dim> + 2 * kScalar) + full_moving * kVector<Dim>;

@@ -177,6 +177,10 @@ RegistrationOptions default_options(Model model, SimilarityType similarity, Pres
     // "Widths").
     if (preset == Preset::Balanced || (preset == Preset::Accurate && similarity != SimilarityType::Ssd))
       o.momenta.narrower_pull = -1;
+    if (similarity != SimilarityType::Ssd && preset == Preset::Accurate) {
+      o.flow.time_steps = 1;
+      o.optimisation.round_tolerance = -1;
+    }
     if (similarity != SimilarityType::Ssd && preset == Preset::Balanced) {
       o.momenta.even_sparsity = 1.5;
       o.optimisation.round_tolerance = -1;

@@ -69,16 +69,17 @@ struct RegistrationOptions {
     /// Of each scale of order 0 as a share of that of the next finer one; the finest one's is `regularisation`.
     double coarser_regularisation = 1;
     /// That, once first orders take part; 0: no other, but for auto where the preset is not fast ten times as much with
-    /// lncc, three times with mi and ngf and in 2-D twice with mind, but in 3-D with balanced, where first orders are
-    /// asked for, five times with lncc, once with ngf and half with mind (core/measurements.md, "Regularisation").
+    /// lncc, three times with mi and ngf and in 2-D twice with mind, but in 3-D, where first orders are asked for, five
+    /// times with lncc, once with ngf and half with mind (core/measurements.md, "Regularisation").
     /// Given alone it is that of plain slips as well, and with these three in 3-D more shear is asked of all.
     double regularisation_beside_first = 0;
     /// That instead, where it was a plain slip that let them in: early (plain_shear) or in the end
-    /// (settled_plain_shear). 0: no other, but for auto in 3-D with balanced ten times that of order 0 alone with lncc,
-    /// three times with ngf and once with mind, unless regularisation_beside_first is given.
+    /// (settled_plain_shear). 0: no other, but for auto in 3-D, not with fast, ten times that of order 0 alone with
+    /// lncc, three times with ngf and once with mind, unless regularisation_beside_first is given.
     double regularisation_beside_plain = 0;
     int first_order_scales = 0;         ///< number of order-1 scales; 0 leaves order 1 out
-    int first_order_finest_scale = -1;  ///< that of order 1; -1: the finest level's, for Wendland1 in 3-D at least 1
+    int first_order_finest_scale = -1;  ///< of order 1; -1: the finest level's, 1 at least for Wendland1 in 3-D, and
+                                        ///< for auto with all but ssd where accurate takes voxels of up to 1.5 mm
     double first_order_regularisation = 0.01;  ///< weight of 1/2 ||v_i||^2, per mm^2
     double sparsity = 0;        ///< lambda of the group L1 on a_1 m_i (a velocity), per mm; -1: as was measured
     double sparsity_noise = 0;  ///< lambda is `sparsity` times 1 + (noise of the finest level's images) / this; 0: it
@@ -148,7 +149,8 @@ struct RegistrationOptions {
     /// fewer.
     double map_tolerance = 0;
     int coarsening = 0;  ///< order 0 (beside which no order 1 shares its scale), and the flow as long as it is
-                         ///< alone, are sampled 2^n times coarser than the images of the level
+                         ///< alone, are sampled 2^n times coarser than the images of the level; beside order 1
+                         ///< the flow is where that is, see flow_lattice_beside_first
     double divergence_weight = 0;  ///< of 1/2 integral |div v|^2 over space and time: holds back opening and overlap;
                                    ///< -1: by similarity and dimension (core/measurements.md, "Divergence")
   } flow;

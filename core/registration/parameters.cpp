@@ -280,14 +280,14 @@ const std::vector<Parameter>& parameters() {
           "regularisation_beside_first", "per mm^2", 0, Lower::Inclusive, inf,
           "weight of the order-0 part once first orders take part; 0: that of regularisation, or what full_contrast "
           "says, and for auto, but fast, ten times that with lncc, three times with mi and ngf, in 2-D twice with "
-          "mind, but in 3-D with balanced five times with lncc, once with ngf and half with mind where "
+          "mind, but in 3-D five times with lncc, once with ngf and half with mind where "
           "first_order_shear asks. Given alone it is that of plain slips as well, and with lncc, ngf and mind more is "
           "asked of all",
           [](O & o) -> auto& { return o.momenta.regularisation_beside_first; }),
       real(
           "regularisation_beside_plain", "per mm^2", 0, Lower::Inclusive, inf,
           "the same where a plain slip let them in (plain_shear, settled_plain_shear); 0: that of "
-          "regularisation_beside_first, and where that is 0 for auto with balanced in 3-D ten times regularisation "
+          "regularisation_beside_first, and where that is 0 for auto in 3-D, but fast, ten times regularisation "
           "with lncc, three times with ngf and once with mind",
           [](O & o) -> auto& { return o.momenta.regularisation_beside_plain; }),
       integer(
@@ -295,7 +295,9 @@ const std::vector<Parameter>& parameters() {
           [](O & o) -> auto& { return o.momenta.first_order_scales; }),
       integer(
           "first_order_finest_scale", "", -1, 7,
-          "as finest_scale, for order 1; -1: the finest level's, for wendland1 in 3-D at least 1",
+          "as finest_scale, for order 1; -1: the finest level's, at least 1 in 3-D for wendland1, and for auto with "
+          "all "
+          "but ssd where accurate takes voxels of up to 1.5 mm",
           [](O & o) -> auto& { return o.momenta.first_order_finest_scale; }),
       real(
           "first_order_regularisation", "per mm^2", 0, Lower::Exclusive, inf,
@@ -363,7 +365,7 @@ const std::vector<Parameter>& parameters() {
       real(
           "settled_plain_shear", "", -1, Lower::Inclusive, inf,
           "a slip is plain as well, for regularisation_beside_plain, where order 0 that has settled shows so much "
-          "simple shear; 0: none is, -1 (and nothing else below 0): for auto with balanced in 3-D 20 with lncc and 12 "
+          "simple shear; 0: none is, -1 (and nothing else below 0): for auto in 3-D, but fast, 20 with lncc and 12 "
           "with ngf and mind unless regularisation_beside_first alone is given, otherwise 0",
           [](O & o) -> auto& { return o.momenta.settled_plain_shear; }),
       real(
@@ -460,6 +462,13 @@ const std::vector<Parameter>& parameters() {
           "smoothing_voxels", "voxels of the level", -1, Lower::Inclusive, 8,
           "standard deviation of the Gaussian that both images are smoothed with on every level; -1: from the noise",
           [](O & o) -> auto& { return o.similarity_parameters.smoothing_voxels; }),
+      real_or_zero(
+          "lost_noise", "intensity range", 1e-4, 1,
+          "standard deviation of what linear interpolation half way between samples may take from the noise, which "
+          "smoothing_voxels -1 follows; 0: 0.0075, but in 3-D with lncc and ngf 0.003 where accurate takes voxels of "
+          "up "
+          "to 1.5 mm",
+          [](O & o) -> auto& { return o.similarity_parameters.lost_noise; }),
       real(
           "ncc_floor", "intensity range", 0, Lower::Exclusive, 1, "standard deviation below which an image is flat",
           [](O & o) -> auto& { return o.similarity_parameters.ncc_floor; }),

@@ -222,7 +222,7 @@ bool PyramidRun<Dim>::is_smooth(const SparsityRound& round) const {
 template <int Dim>
 Lattice<Dim> PyramidRun<Dim>::flow_lattice(bool smooth) const {
   const int level = levels_[step_];
-  if (!smooth) return level_lattice(pyramid_.fixed_lattice(), level);
+  if (!smooth) return flow_lattice_beside_first(pyramid_.fixed_lattice(), options_, level);
   if (has_narrower()) return narrow_flow_lattice(pyramid_.fixed_lattice(), options_, level, finest_zeroth().level);
   return level_lattice(pyramid_.fixed_lattice(), level + options_.flow.coarsening);
 }

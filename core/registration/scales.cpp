@@ -47,8 +47,7 @@ double sharp_shear(int dimension, SimilarityType similarity) {
 
 /// How many times the lambda of sliding auto has, whose momenta of oblique interfaces are oriented;
 /// core/measurements.md, "Sparsity". A window of lncc holds fewer samples in 2-D, and more noise. With mi, ngf and mind
-/// more elements than an interface has sites would take part ("mi, ngf and mind"; accurate loses by it in livers with
-/// mi).
+/// more elements than an interface has sites would take part ("mi, ngf and mind").
 double sparsity_share(int dimension, SimilarityType similarity, Preset preset) {
   if (preset == Preset::Fast) return 1;
   const bool is_flat = dimension == 2, is_balanced = preset == Preset::Balanced;
@@ -60,18 +59,19 @@ double sparsity_share(int dimension, SimilarityType similarity, Preset preset) {
     case SimilarityType::Lncc:
       return is_flat ? 2 : 0.5;
     case SimilarityType::Mi:
-      return !is_balanced ? 1 : is_flat ? 2 : 5;
+      return is_flat ? (is_balanced ? 2 : 1) : 5;
     case SimilarityType::Ngf:
-      return is_balanced ? 2 : 1;
+      return is_flat && !is_balanced ? 1 : 2;
     case SimilarityType::Mind:
-      return !is_balanced ? 1 : is_flat ? 3 : 1.5;
+      return is_flat ? (is_balanced ? 3 : 1) : 1.5;
   }
   return 1;
 }
 
 /// With auto and all but ssd: what the next round makes its weights from is seen after a few iterations in 3-D, but
-/// with ncc; core/measurements.md, "Sparsity".
-double usual_round_tolerance(int dimension, SimilarityType similarity) {
+/// with ncc; core/measurements.md, "Sparsity". In 2-D accurate, with mi, loses by it ("Finer images").
+double usual_round_tolerance(int dimension, SimilarityType similarity, Preset preset) {
+  if (dimension == 2 && preset == Preset::Accurate) return 0;
   return dimension == 3 && similarity != SimilarityType::Ncc ? 0.5 : 0.1;
 }
 
@@ -97,6 +97,12 @@ constexpr double kLeastElement = 0.35;
 bool are_elements_alone(int dimension, SimilarityType similarity) {
   if (dimension == 3) return similarity != SimilarityType::Ssd;
   return similarity == SimilarityType::Mi || similarity == SimilarityType::Ngf || similarity == SimilarityType::Mind;
+}
+
+/// Similarities that take from a few samples how much contrast there is, and with fine voxels much of that from their
+/// noise; core/measurements.md, "Finer images".
+bool sees_contrast_of_few(SimilarityType similarity) {
+  return similarity == SimilarityType::Lncc || similarity == SimilarityType::Ngf;
 }
 
 /// Both orders at all sites of an image of full resolution take 800 bytes a voxel. At every second one they take a
@@ -149,7 +155,8 @@ void resolve_scales(int dimension, double reference_mm, const RegistrationOption
   const int finest = o.pyramid.finest_level;
   const bool is_coarse = are_momenta_coarse(dimension, o.model);
   // Images that accurate takes finer than balanced are for seeing more, not for narrower kernels.
-  const bool sees_finer = o.preset == Preset::Accurate && asked.pyramid.finest_level < 0 && is_fine(reference_mm);
+  const bool sees_finer =
+      dimension == 3 && o.preset == Preset::Accurate && asked.pyramid.finest_level < 0 && is_fine(reference_mm);
   const bool is_given = asked.momenta.finest_scale >= 0;
   if (o.momenta.finer_shear < 0 && (sees_finer || is_given)) o.momenta.finer_shear = 0;
   if (o.momenta.finest_scale < 0) {
@@ -160,9 +167,14 @@ void resolve_scales(int dimension, double reference_mm, const RegistrationOption
     if (is_coarse) scale = std::max(scale, 1);
     o.momenta.finest_scale = std::min(scale, o.pyramid.levels - 1);
   }
-  if (o.momenta.first_order_finest_scale < 0)
+  if (o.momenta.first_order_finest_scale < 0) {
+    const bool stays_coarse =
+        is_coarse || (sees_finer && o.model == Model::Auto && are_elements_alone(dimension, o.similarity));
     o.momenta.first_order_finest_scale =
-        is_coarse ? std::clamp(1, finest, std::max(finest, o.pyramid.levels - 1)) : finest;
+        stays_coarse ? std::clamp(1, finest, std::max(finest, o.pyramid.levels - 1)) : finest;
+  }
+  if (o.similarity_parameters.lost_noise == 0)
+    o.similarity_parameters.lost_noise = sees_finer && sees_contrast_of_few(o.similarity) ? 0.003 : 0.0075;
   if (o.momenta.scales == 0) o.momenta.scales = std::max(1, o.pyramid.levels - o.momenta.finest_scale);
 }
 
@@ -193,14 +205,14 @@ void resolve_measured(int dimension, RegistrationOptions& o) {
   if (o.optimisation.round_tolerance < 0)
     o.optimisation.round_tolerance = usual.optimisation.round_tolerance >= 0
                                          ? usual.optimisation.round_tolerance
-                                         : usual_round_tolerance(dimension, o.similarity);
+                                         : usual_round_tolerance(dimension, o.similarity, o.preset);
   if (o.optimisation.history == 0) o.optimisation.history = usual_history(dimension, o.model, o.similarity);
   if (o.flow.divergence_weight < 0)
     o.flow.divergence_weight = is_lncc ? (dimension == 2 ? 1 : 0.6) : usual.flow.divergence_weight;
 }
 
-/// Of elements that are alone; core/measurements.md, "First weights from the velocity". In 2-D slips lose; with
-/// accurate, whose voxels are finer, the momenta found tell more than order 0 does. A path that is given is gone along.
+/// Of elements that are alone; core/measurements.md, "First weights from the velocity". In 2-D slips lose. A path that
+/// is given is gone along.
 int usual_shear_weights(int dimension, const RegistrationOptions& o) {
   const RegistrationOptions::Momenta &momenta = o.momenta,
                                      usual = default_options(o.model, o.similarity, o.preset).momenta;
@@ -208,7 +220,7 @@ int usual_shear_weights(int dimension, const RegistrationOptions& o) {
                            has_oriented_alone(momenta) && momenta.first_order_waits && momenta.reweighted_rounds > 0;
   const bool is_given = momenta.sparsity_path != usual.sparsity_path || momenta.even_sparsity != usual.even_sparsity;
   if (!is_measured || is_given) return 0;
-  return o.preset == Preset::Accurate ? 1 : 2;
+  return 2;
 }
 
 /// As far as these do not go with the contrast, see follow_contrast.
@@ -344,6 +356,12 @@ double first_order_width(const Lattice<Dim>& image, const RegistrationOptions& o
       .width();
 }
 
+template <int Dim>
+Lattice<Dim> flow_lattice_beside_first(const Lattice<Dim>& image, const RegistrationOptions& options, int level) {
+  const int coarsest = level + options.flow.coarsening;
+  return level_lattice(image, std::clamp(options.momenta.first_order_finest_scale, level, coarsest));
+}
+
 template <int Dim, class T>
 std::vector<PlacedScale<Dim, T>> make_scales(const Lattice<Dim>& image, const RegistrationOptions& options,
                                              const Field<double>& directions, double narrow_share) {
@@ -399,6 +417,8 @@ template Lattice<2> level_lattice(const Lattice<2>&, int);
 template Lattice<3> level_lattice(const Lattice<3>&, int);
 template Lattice<2> moving_level_lattice(const Lattice<2>&, const Lattice<2>&, int);
 template Lattice<3> moving_level_lattice(const Lattice<3>&, const Lattice<3>&, int);
+template Lattice<2> flow_lattice_beside_first(const Lattice<2>&, const RegistrationOptions&, int);
+template Lattice<3> flow_lattice_beside_first(const Lattice<3>&, const RegistrationOptions&, int);
 template double first_order_width(const Lattice<2>&, const RegistrationOptions&, int);
 template double first_order_width(const Lattice<3>&, const RegistrationOptions&, int);
 template std::vector<PlacedScale<2, float>> make_scales(const Lattice<2>&, const RegistrationOptions&,

@@ -55,6 +55,11 @@ bool has_oriented_alone(const RegistrationOptions::Momenta& momenta);
 template <int Dim>
 double first_order_width(const Lattice<Dim>& image, const RegistrationOptions& options, int q);
 
+/// Where the flow is on a level with first orders, by resolved options: on the lattice of their finest scale, but for
+/// one that is finer than the level's, and no coarser than beside order 0 alone (flow.coarsening).
+template <int Dim>
+Lattice<Dim> flow_lattice_beside_first(const Lattice<Dim>& image, const RegistrationOptions& options, int level);
+
 /// The scales that resolved options ask for, coarsest first. Scale q lives on the lattice of level q; its kernel has
 /// the width width_voxels * reference spacing * 2^q, or is the sum of widths that kernel_widths (order 1 alone:
 /// first_order_kernel_widths) asks for. The order-0 kernel of `sliding` is Gaussian, its order-1 kernel Wendland.

@@ -14,24 +14,24 @@ namespace {
 bool tells_plain(int dimension, const RegistrationOptions& options) {
   const RegistrationOptions::Momenta& momenta = options.momenta;
   const bool is_given = momenta.regularisation_beside_first > 0 && momenta.regularisation_beside_plain == 0;
-  return options.model == Model::Auto && dimension == 3 && options.preset == Preset::Balanced && !is_given &&
+  return options.model == Model::Auto && dimension == 3 && options.preset != Preset::Fast && !is_given &&
          (options.similarity == SimilarityType::Lncc || options.similarity == SimilarityType::Ngf ||
           options.similarity == SimilarityType::Mind);
 }
 
 /// What the displacement of order 0 has at least where something slides, see simple_shear; core/measurements.md, "Only
-/// where it slides". In 3-D images first orders that hold order 0 back cost much with lncc and, with accurate, with ngf
-/// and mind, and bring little where much else than shear is seen; order 0 that has not settled (fast) shows less.
+/// where it slides". In 3-D images first orders that hold order 0 back cost much with lncc, ngf and mind, and bring
+/// little where much else than shear is seen; order 0 that has not settled (fast) shows less.
 double least_shear(int dimension, const RegistrationOptions& options) {
   constexpr double slides = 5;
   if (dimension == 2) return 6;
   if (tells_plain(dimension, options)) return slides;
   switch (options.similarity) {
     case SimilarityType::Lncc:
-      return options.preset == Preset::Accurate ? 17 : 12;
+      return 12;
     case SimilarityType::Ngf:
     case SimilarityType::Mind:
-      return options.preset == Preset::Fast ? slides : options.preset == Preset::Balanced ? 10 : 12;
+      return options.preset == Preset::Fast ? slides : 10;
     case SimilarityType::Ssd:
     case SimilarityType::Ncc:
     case SimilarityType::Mi:

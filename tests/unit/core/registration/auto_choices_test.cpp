@@ -205,7 +205,7 @@ TEST(AutoChoices, HoldsOrderZeroMoreBesideFirstOrders) {
   const Lattice<2> plane{{128, 128}, {1, 1}, {}};
   const Lattice<3> cube{{128, 128, 128}, {1, 1, 1}, {}};
   struct Measured {
-    Held in_plane, in_space, balanced_in_space;
+    Held in_plane, in_space, told_in_space;
   };
   const std::map<SimilarityType, Measured> measured = {
       {SimilarityType::Ssd, {{0, 0}, {0, 0}, {0, 0}}},     {SimilarityType::Ncc, {{0, 0}, {0, 0}, {0, 0}}},
@@ -218,10 +218,10 @@ TEST(AutoChoices, HoldsOrderZeroMoreBesideFirstOrders) {
     EXPECT_EQ(held(fast, cube), (Held{0, 0}));
     const RegistrationOptions accurate = default_options(Model::Auto, similarity, Preset::Accurate);
     EXPECT_EQ(held(accurate, plane), expected.in_plane);
-    EXPECT_EQ(held(accurate, cube), expected.in_space);
+    EXPECT_EQ(held(accurate, cube), expected.told_in_space);
     RegistrationOptions options = default_options(Model::Auto, similarity, Preset::Balanced);
     EXPECT_EQ(held(options, plane), expected.in_plane);
-    EXPECT_EQ(held(options, cube), expected.balanced_in_space);
+    EXPECT_EQ(held(options, cube), expected.told_in_space);
     // What is given counts as it is, for plain slips as well where nothing else is said of them.
     const double alone = resolved(options, cube).momenta.regularisation;
     options.momenta.regularisation_beside_first = 2.5 * alone;
@@ -229,7 +229,7 @@ TEST(AutoChoices, HoldsOrderZeroMoreBesideFirstOrders) {
     options.momenta.regularisation_beside_plain = 3.5 * alone;
     EXPECT_EQ(held(options, cube), (Held{2.5, 3.5}));
     options.momenta.regularisation_beside_first = 0;
-    EXPECT_EQ(held(options, cube), (Held{expected.balanced_in_space.beside_first, 3.5}));
+    EXPECT_EQ(held(options, cube), (Held{expected.told_in_space.beside_first, 3.5}));
     options.momenta.regularisation_beside_plain = 0;
     options.momenta.first_order_shear = 0;  // nobody is asked whether it is plain
     EXPECT_EQ(held(options, cube), expected.in_space);

@@ -50,7 +50,8 @@ void expect_taylor_slope_two(const Case& test) {
   options.momenta.width_voxels = 4;
   options.momenta.kernel_widths = test.kernel_widths;
   options.momenta.scales = 2;
-  options.momenta.finest_scale = options.momenta.first_order_finest_scale = 0;
+  options.momenta.finest_scale = 0;
+  options.momenta.first_order_finest_scale = test.is_flow_coarse ? test.coarsening : 0;
   if (options.momenta.first_order_scales > 0) options.momenta.first_order_scales = test.model == Model::Sliding ? 1 : 2;
   options.momenta.regularisation = options.momenta.first_order_regularisation = 0.05;
   if (test.orientations > 0) options.momenta.orientations = Dim == 2 ? 8 : 13;
@@ -97,7 +98,7 @@ void expect_taylor_slope_two(const Case& test) {
 
   MatchingObjective<Dim, double> objective(
       scales, level, make_similarity<Dim, double>(test.similarity, lattice, options.similarity_parameters, 1.0), 0.0,
-      level_lattice(lattice, test.is_flow_coarse ? test.coarsening : 0));
+      test.is_flow_coarse ? flow_lattice_beside_first(lattice, options, 0) : lattice);
   std::vector<std::vector<std::uint32_t>> elements(scales.size());
   for (std::size_t s = 0; s < scales.size(); ++s) {
     OrientedMomenta<Dim, double>* oriented = scales[s]->oriented();
@@ -173,6 +174,11 @@ std::vector<Case> all_cases() {
       for (Masks masks : {Masks::None, Masks::Fixed, Masks::Both})
         cases.push_back({Model::Gaussian, similarity, masks, Evolution::Carried, {}, 1, coarsening, true});
   cases.push_back({Model::Sliding, SimilarityType::Lncc, Masks::None, Evolution::Carried, {}, 1, 1, false});
+  // The flow where first orders are, both coarser than the images: along the axes, and elements alone.
+  for (Masks masks : {Masks::None, Masks::Both}) {
+    cases.push_back({Model::Sliding, SimilarityType::Lncc, masks, Evolution::Carried, {}, 1, 1, true});
+    cases.push_back({Model::Sliding, SimilarityType::Ncc, masks, Evolution::Carried, {}, 1, 1, true, 1, true});
+  }
   for (Model model : {Model::Sliding, Model::Wendland1})  // alone on its lattice, and with order 0
     for (Evolution evolution : {Evolution::Exact, Evolution::PerOrder, Evolution::Carried})
       cases.push_back({model, SimilarityType::Ssd, Masks::None, evolution, {}, 1, 0, false, 1});
@@ -191,7 +197,8 @@ INSTANTIATE_TEST_SUITE_P(Models, Gradient, ::testing::ValuesIn(all_cases()), [](
           : info.param.evolution == Evolution::PerOrder ? "_per_order"
                                                         : "_carried") +
          (info.param.orientations == 0 ? "" : "_oriented") + (info.param.elements_alone ? "_alone" : "") +
-         (info.param.coarsening == 0 ? "" : "_coarsened_" + std::to_string(info.param.coarsening));
+         (info.param.coarsening == 0 ? "" : "_coarsened_" + std::to_string(info.param.coarsening)) +
+         (info.param.is_flow_coarse ? "_with_flow" : "");
 });
 
 }  // namespace

@@ -66,10 +66,67 @@ TEST(ResolvedOptions, LetAccurateSeeFinerImagesWithTheSameKernels) {
     EXPECT_EQ(balanced.momenta.finest_scale, balanced.pyramid.finest_level);
     EXPECT_EQ(accurate.pyramid.finest_level, 0);
     EXPECT_EQ(accurate.momenta.finest_scale, balanced.momenta.finest_scale);
+    EXPECT_EQ(accurate.momenta.first_order_finest_scale, balanced.momenta.first_order_finest_scale);
+    EXPECT_EQ(flow_lattice_beside_first(block(mm), accurate, 0), level_lattice(block(mm), mm <= 1.5 ? 1 : 0));
+    // What else has first orders has them as fine as the images.
+    for (const RegistrationOptions& other : {automatic(SimilarityType::Ssd, Preset::Accurate),
+                                             default_options(Model::Sliding, SimilarityType::Lncc, Preset::Accurate)})
+      EXPECT_EQ(resolved(other, block(mm)).momenta.first_order_finest_scale, 0);
   }
   RegistrationOptions asked = automatic(SimilarityType::Lncc, Preset::Accurate);
+  asked.momenta.first_order_finest_scale = 0;
+  EXPECT_EQ(resolved(asked, block(1)).momenta.first_order_finest_scale, 0);
+  asked = automatic(SimilarityType::Lncc, Preset::Accurate);
   asked.pyramid.finest_level = 0;  // by the caller: kernels go along
   EXPECT_EQ(resolved(asked, block(1)).momenta.finest_scale, 0);
+  EXPECT_EQ(resolved(asked, block(1)).momenta.first_order_finest_scale, 0);
+}
+
+TEST(ResolvedOptions, HaveTheFlowWhereFirstOrdersAre) {
+  RegistrationOptions options = default_options(Model::Sliding, SimilarityType::Lncc, Preset::Balanced);
+  struct Placed {
+    int first, coarsening, level, flow;
+  };
+  for (const auto& [first, coarsening, level, flow] :
+       {Placed{0, 1, 0, 0}, {1, 1, 0, 1}, {1, 1, 1, 1}, {2, 1, 0, 1}, {2, 2, 0, 2}, {1, 0, 0, 0}, {0, 1, 1, 1}}) {
+    options.momenta.first_order_finest_scale = first;
+    options.flow.coarsening = coarsening;
+    EXPECT_EQ(flow_lattice_beside_first(block(1), options, level), level_lattice(block(1), flow))
+        << first << ", " << coarsening << ", " << level;
+  }
+}
+
+// core/measurements.md, "Finer images".
+TEST(ResolvedOptions, EndRoundsEarlyWhereThatWasMeasured) {
+  const auto of = [](SimilarityType similarity, Preset preset, const auto& image) {
+    return resolved(automatic(similarity, preset), image).optimisation.round_tolerance;
+  };
+  for (SimilarityType similarity : {SimilarityType::Ncc, SimilarityType::Mi}) {
+    SCOPED_TRACE(to_string(similarity));
+    const double in_space = similarity == SimilarityType::Ncc ? 0.1 : 0.5;
+    EXPECT_EQ(of(similarity, Preset::Balanced, plane(1)), 0.1);
+    EXPECT_EQ(of(similarity, Preset::Accurate, plane(1)), 0);
+    EXPECT_EQ(of(similarity, Preset::Balanced, block(1)), in_space);
+    EXPECT_EQ(of(similarity, Preset::Accurate, block(1)), in_space);
+    EXPECT_EQ(of(similarity, Preset::Fast, block(1)), 0);
+  }
+}
+
+TEST(ResolvedOptions, LoseLessOfTheNoiseWhereAccurateSeesFinerImages) {
+  const auto lost = [](SimilarityType similarity, Preset preset, const auto& image) {
+    return resolved(automatic(similarity, preset), image).similarity_parameters.lost_noise;
+  };
+  for (SimilarityType similarity : all_similarities()) {
+    SCOPED_TRACE(to_string(similarity));
+    const bool is_one = similarity == SimilarityType::Lncc || similarity == SimilarityType::Ngf;
+    EXPECT_EQ(lost(similarity, Preset::Accurate, block(1.5)), is_one ? 0.003 : 0.0075);
+    EXPECT_EQ(lost(similarity, Preset::Accurate, block(1.6)), 0.0075);
+    EXPECT_EQ(lost(similarity, Preset::Accurate, plane(1)), 0.0075);
+    EXPECT_EQ(lost(similarity, Preset::Balanced, block(1.5)), 0.0075);
+  }
+  RegistrationOptions asked = automatic(SimilarityType::Lncc, Preset::Accurate);
+  asked.similarity_parameters.lost_noise = 0.02;
+  EXPECT_EQ(resolved(asked, block(1)).similarity_parameters.lost_noise, 0.02);
 }
 
 TEST(ResolvedOptions, HoldFirstOrdersBackAsWasMeasured) {
@@ -99,7 +156,8 @@ TEST(ResolvedOptions, HoldFirstOrdersBackAsWasMeasured) {
       const bool is_balanced = preset == Preset::Balanced;
       const double usual = sparsity(default_options(Model::Sliding, similarity, preset), plane(1));
       EXPECT_DOUBLE_EQ(sparsity(automatic(similarity, preset), plane(1)), is_balanced ? flat * usual : usual);
-      EXPECT_DOUBLE_EQ(sparsity(automatic(similarity, preset), block(2)), is_balanced ? deep * usual : usual);
+      EXPECT_DOUBLE_EQ(sparsity(automatic(similarity, preset), block(2)),
+                       preset != Preset::Fast ? deep * usual : usual);
     }
   for (SimilarityType similarity : all_similarities()) {
     RegistrationOptions sliding = default_options(Model::Sliding, similarity, Preset::Balanced);
@@ -122,15 +180,15 @@ TEST(ResolvedOptions, AskOfFirstOrdersWhatWasMeasured) {
   EXPECT_EQ(asked_of(SimilarityType::Ncc, block(2)), 5);
   EXPECT_EQ(asked_of(SimilarityType::Ssd, block(2)), 5);
   EXPECT_EQ(asked_of(SimilarityType::Lncc, block(2)), 5);
-  for (Preset preset : {Preset::Accurate, Preset::Fast})  // in which plain slips and others are not told apart
-    EXPECT_EQ(resolved(automatic(SimilarityType::Lncc, preset), block(2)).momenta.first_order_shear,
-              preset == Preset::Fast ? 12 : 17);
+  EXPECT_EQ(resolved(automatic(SimilarityType::Lncc, Preset::Accurate), block(2)).momenta.first_order_shear, 5);
+  EXPECT_EQ(resolved(automatic(SimilarityType::Lncc, Preset::Fast), block(2)).momenta.first_order_shear, 12)
+      << "in which plain slips and others are not told apart";
   EXPECT_EQ(asked_of(SimilarityType::Mi, plane(1)), 6);
   EXPECT_EQ(asked_of(SimilarityType::Mi, block(2)), 5);
   for (SimilarityType similarity : {SimilarityType::Ngf, SimilarityType::Mind}) {
     EXPECT_EQ(asked_of(similarity, plane(1)), 6);
     EXPECT_EQ(asked_of(similarity, block(2)), 5);
-    EXPECT_EQ(resolved(automatic(similarity, Preset::Accurate), block(2)).momenta.first_order_shear, 12);
+    EXPECT_EQ(resolved(automatic(similarity, Preset::Accurate), block(2)).momenta.first_order_shear, 5);
     EXPECT_EQ(resolved(automatic(similarity, Preset::Fast), block(2)).momenta.first_order_shear, 5)
         << "order 0 that has not settled shows less";
   }
