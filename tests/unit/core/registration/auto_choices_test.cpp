@@ -111,7 +111,7 @@ TEST(AutoChoices, TakesFirstWeightsFromTheShearWhereThatWasMeasured) {
         return resolved(options, lattice).momenta.shear_weights;
       };
       const RegistrationOptions usual = default_options(Model::Auto, similarity, preset);
-      const int expected = similarity == SimilarityType::Ssd ? 0 : preset == Preset::Accurate ? 1 : 2;
+      const int expected = similarity == SimilarityType::Ssd ? 0 : 2;
       EXPECT_EQ(weights(usual, plane), 0);
       EXPECT_EQ(weights(usual, cube), expected);
       EXPECT_EQ(weights(default_options(Model::Sliding, similarity, preset), cube), 0);

@@ -88,7 +88,8 @@ TEST(NarrowerScale, IsFoundBeforeImagesThatAreFinerThanOrder0) {
   EXPECT_FALSE(finest.has_narrower);
   EXPECT_LT(error_of(detailed, found), 0.9 * error_of(detailed, without));
 
-  // What shows that something slides is left to first orders, which come on the finest level.
+  // What shows that something slides is left to first orders, where they come on the finest level.
+  options.momenta.first_order_finest_scale = 0;
   options.momenta.first_order_shear = 1e-9;
   options.momenta.sparsity = 1e6;
   options.momenta.orientations = 0;
