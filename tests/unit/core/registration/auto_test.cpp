@@ -281,6 +281,29 @@ TEST(AutoModel, HasNarrowElementsIn3d) {
   }
 }
 
+// Finer images, and all else where balanced has it. Oracles: balanced, and first orders and flow as fine as the images.
+TEST(AutoModel, SeesMoreInFinerImages) {
+  PhantomOptions scene = default_phantom_options(PhantomKind::Slip, 3);
+  scene.size = {56, 56, 56};
+  scene.interface = InterfaceShape::Circle;
+  scene.radius_mm = 15;
+  scene.slip_mm = 4;
+  scene.noise = 0.01;
+  const Phantom<3> phantom = make_phantom<3>(scene);
+  const Outcome balanced = outcome_of(phantom, default_options(Model::Auto, SimilarityType::Lncc, Preset::Balanced));
+  RegistrationOptions options = default_options(Model::Auto, SimilarityType::Lncc, Preset::Accurate);
+  const Outcome coarse = outcome_of(phantom, options);
+  EXPECT_EQ(coarse.decision, FirstOrderDecision::LetIn);
+  EXPECT_LT(coarse.error_near_mm, 0.92 * balanced.error_near_mm);
+  EXPECT_LT(coarse.error_mm, balanced.error_mm);
+  const RegistrationResult<3> result = register_images<3>(pair_of(phantom), options);
+  for (const MomentumField<3>& momentum : result.momenta) EXPECT_LE(momentum.vectors.grid.voxels(), 28u * 28 * 28);
+  EXPECT_GT(result.summary.levels.back().smoothing_voxels, 0);
+  // What interpolation may take from the noise, as everywhere else.
+  options.similarity_parameters.lost_noise = 0.0075;
+  EXPECT_LT(coarse.error_mm, 0.97 * outcome_of(phantom, options).error_mm);
+}
+
 // Order 0 with ssd has wide kernels beside first orders. Where it is asked for so much that these are left out it gets
 // narrower ones, and then sees what slides on a body. Oracles: the true motion; sliding, and order 0 as it was.
 TEST(AutoModel, GivesOrder0ThatIsLeftAloneFinerScales) {

@@ -212,6 +212,17 @@ TEST(Checkpoint, ResumesWhereFirstOrdersWereAskedForWithTheSameEnd) {
     }
 }
 
+// Let in on the level before, and on the finest one with the flow where they are.
+TEST(Checkpoint, ResumesWhereImagesAreFinerThanFirstOrdersWithTheSameEnd) {
+  RegistrationOptions options = asking(SimilarityType::Lncc, 1e-9);
+  options.momenta.first_order_finest_scale = 1;
+  ASSERT_EQ(options.flow.coarsening, 1);
+  const RegistrationResult<2> whole = register_images<2>(plane(), options);
+  ASSERT_EQ(whole.summary.levels.front().decision, FirstOrderDecision::LetIn);
+  ASSERT_GT(whole.summary.levels.back().active_block_share, 0);
+  resumes_anywhere<2>(plane(), options);
+}
+
 // Asked when it has settled to `tolerance` and, in vain, again when it has gone on, with first orders let in by either
 // look or by none. Between the looks five iterations may bring more than `tolerance` again: nobody asks then.
 TEST(Checkpoint, ResumesWhereASlipIsLookedForTwiceWithTheSameEnd) {

@@ -140,6 +140,23 @@ TEST(MemoryEstimate, IsABoundForEachPreset) {
   }
 }
 
+// Where images are as fine as they come, and first orders, let in unasked, and the flow twice as coarse.
+TEST(MemoryEstimate, IsABoundWhereTheFlowIsCoarserBesideFirstOrders) {
+  Case one(Model::Auto, SimilarityType::Lncc, Preset::Accurate, 4);
+  one.options.momenta.first_order_shear = 0;
+  one.options.momenta.plain_shear = one.options.momenta.settled_plain_shear = one.options.momenta.narrower_pull = 0;
+  one.options.momenta.quick_share = one.options.momenta.finer_shear = 0;
+  const Lattice<3> image = lattice_of(one.input.fixed.grid);
+  const RegistrationOptions options = resolved(one.options, image);
+  ASSERT_EQ(flow_lattice_beside_first(image, options, options.pyramid.finest_level), level_lattice(image, 1));
+  Case finer = one;
+  finer.options.momenta.first_order_finest_scale = 0;
+  LevelSummary finest;
+  EXPECT_LE(one.used_mib(&finest), one.declared_mib());
+  EXPECT_GT(finest.oriented_elements, 0);
+  EXPECT_LT(one.declared_mib(), 0.6 * finer.declared_mib());
+}
+
 // What jumps is listed once, however many widths a kernel has: a list for each would be more than all else.
 TEST(MemoryEstimate, IsABoundForKernelsOfManyWidths) {
   for (Model model : {Model::Wendland1, Model::Directional}) {
