@@ -60,6 +60,8 @@ class RoundMemory {
   double left() const { return bytes_ + momenta() + sites_of(flow_) * most_nodes(options_) * kVector<Dim>; }
   /// Momenta of the result, and the list of what jumps.
   double kept() const { return kept_; }
+  /// Where the flow is.
+  double flow_sites() const { return sites_of(flow_); }
   /// All that is optimised.
   double momenta() const { return unknowns_ * kScalar; }
 
@@ -246,7 +248,7 @@ std::size_t memory_estimate(const ImageGrid<Dim>& fixed, const ImageGrid<Dim>& m
   const Lattice<Dim> image = lattice_of(fixed), moving_image = lattice_of(moving);
   const RegistrationOptions options = resolved(asked, image);
   const bool has_first = options.momenta.first_order_scales > 0;
-  double most = 0, left = 0, kept = 0, momenta = 0;
+  double most = 0, left = 0, kept = 0, momenta = 0, flow = 0;
   for (bool smooth : {true, false}) {
     if (!smooth && !has_first) break;
     const RoundMemory<Dim> round(image, moving_image, options, smooth);
@@ -254,6 +256,7 @@ std::size_t memory_estimate(const ImageGrid<Dim>& fixed, const ImageGrid<Dim>& m
     left = std::max(left, round.left());
     kept = std::max(kept, round.kept());
     momenta = std::max(momenta, round.momenta());
+    flow = std::max(flow, round.flow_sites());
   }
 
   const auto sites_of = [&](int q) { return static_cast<double>(level_lattice(image, q).sites()); };
@@ -266,8 +269,6 @@ std::size_t memory_estimate(const ImageGrid<Dim>& fixed, const ImageGrid<Dim>& m
   // At the end, beside velocities and map: both images at full resolution with what they are made of, what warps them
   // and the similarity; then the fields, of the inverse some slabs on their way and how far it is off; then what a slip
   // surface is looked for in, see JumpDensity.
-  const double flow = has_first ? static_cast<double>(flow_lattice_beside_first(image, options, finest).sites())
-                                : sites_of(finest + options.flow.coarsening);
   const double similarity =
       full * (6 + similarity_scratch(options.similarity, Dim)) * kScalar + full_moving * 3 * kScalar;
   const double fields = full * (kVector<Dim> + 2 * kScalar) + full_moving * kVector<Dim>;

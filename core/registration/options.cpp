@@ -177,13 +177,15 @@ RegistrationOptions default_options(Model model, SimilarityType similarity, Pres
     // "Widths").
     if (preset == Preset::Balanced || (preset == Preset::Accurate && similarity != SimilarityType::Ssd))
       o.momenta.narrower_pull = -1;
+    if (similarity != SimilarityType::Ssd && preset != Preset::Fast) o.optimisation.round_tolerance = -1;
     if (similarity != SimilarityType::Ssd && preset == Preset::Accurate) {
+      // A second step of the momenta brings nothing here (core/measurements.md, "Finer images").
       o.flow.time_steps = 1;
-      o.optimisation.round_tolerance = -1;
+      if (similarity == SimilarityType::Lncc || similarity == SimilarityType::Ngf)
+        o.similarity_parameters.lost_noise = 0;
     }
     if (similarity != SimilarityType::Ssd && preset == Preset::Balanced) {
       o.momenta.even_sparsity = 1.5;
-      o.optimisation.round_tolerance = -1;
       // Of the rounds with first orders, and of order 0 where a slip shows by then: else it has look_tolerance.
       if (similarity != SimilarityType::Ncc) o.optimisation.tolerance = similarity == SimilarityType::Ngf ? 3e-2 : 4e-2;
     }

@@ -295,9 +295,9 @@ const std::vector<Parameter>& parameters() {
           [](O & o) -> auto& { return o.momenta.first_order_scales; }),
       integer(
           "first_order_finest_scale", "", -1, 7,
-          "as finest_scale, for order 1; -1: the finest level's, at least 1 in 3-D for wendland1, and for auto with "
-          "all "
-          "but ssd where accurate takes voxels of up to 1.5 mm",
+          "as finest_scale, for order 1, and the flow beside it (see coarsening); -1: "
+          "the finest level's, at least 1 in 3-D for wendland1, and for auto with all but ssd where accurate takes "
+          "voxels of up to 1.5 mm",
           [](O & o) -> auto& { return o.momenta.first_order_finest_scale; }),
       real(
           "first_order_regularisation", "per mm^2", 0, Lower::Exclusive, inf,
@@ -333,7 +333,7 @@ const std::vector<Parameter>& parameters() {
           "shear_weights", "", -1, 2,
           "1: where first orders wait and oriented momenta are alone, the first weights of these follow how strongly "
           "the velocity of order 0 changes where they are, in place of a path of even ones; 2: in place of the first "
-          "reweighted round as well; 0: they do not, -1: by similarity, dimension and preset, 0 without reweighted "
+          "reweighted round as well; 0: they do not, -1: by similarity and dimension, 0 without reweighted "
           "rounds and where sparsity_path or even_sparsity is not the usual one",
           [](O & o) -> auto& { return o.momenta.shear_weights; }),
       integer(
@@ -359,8 +359,9 @@ const std::vector<Parameter>& parameters() {
           "plain_shear", "", -1, Lower::Inclusive, inf,
           "order 1 takes part without waiting for order 0 to settle where that shows so much simple shear after three "
           "iterations of a level; 0: always waits, -1 (and nothing else below 0): twice first_order_shear where that "
-          "is known to cost nothing, 1.6 times where order 0 is slow to settle, otherwise 0; with lncc in 3-D, "
-          "and where regularisation_beside_plain goes with it, 24 or first_order_shear where that is more",
+          "is known to cost nothing, 1.6 times where with balanced order 0 is slow to settle, otherwise 0; in 3-D with "
+          "lncc, and with balanced where regularisation_beside_plain goes with it, 24 or first_order_shear where that "
+          "is more",
           [](O & o) -> auto& { return o.momenta.plain_shear; }),
       real(
           "settled_plain_shear", "", -1, Lower::Inclusive, inf,
@@ -438,7 +439,8 @@ const std::vector<Parameter>& parameters() {
           [](O & o) -> auto& { return o.flow.map_tolerance; }),
       integer(
           "coarsening", "levels", 0, 3,
-          "order 0, and the flow while there is no order 1, are sampled so much coarser than the images of a level",
+          "order 0, and the flow while there is no order 1, are sampled so much coarser than the images of a level; "
+          "beside order 1 the flow is where that is, but no coarser than this",
           [](O & o) -> auto& { return o.flow.coarsening; }),
       real(
           "divergence_weight", "", -1, Lower::Inclusive, inf,
@@ -465,9 +467,8 @@ const std::vector<Parameter>& parameters() {
       real_or_zero(
           "lost_noise", "intensity range", 1e-4, 1,
           "standard deviation of what linear interpolation half way between samples may take from the noise, which "
-          "smoothing_voxels -1 follows; 0: 0.0075, but in 3-D with lncc and ngf 0.003 where accurate takes voxels of "
-          "up "
-          "to 1.5 mm",
+          "smoothing_voxels -1 follows on all levels; 0: 0.0075, but for auto in 3-D with lncc and ngf 0.003 where "
+          "accurate takes voxels of up to 1.5 mm",
           [](O & o) -> auto& { return o.similarity_parameters.lost_noise; }),
       real(
           "ncc_floor", "intensity range", 0, Lower::Exclusive, 1, "standard deviation below which an image is flat",

@@ -19,10 +19,10 @@ namespace saltus {
 /// way, how it is interrupted, and how it goes on from a checkpoint.
 ///
 /// While no first-order momentum exists and none may appear, order 0 is alone: all velocities are smooth, and momenta,
-/// flow and map live on a coarser lattice than the images (flow.coarsening). With momenta.first_order_shear each level
-/// begins so, and its displacement then tells whether first orders are worth it; once they were, all finer levels have
-/// them. Where they were not on the finest one, order 0 may get finer scales and be asked again (momenta.finer_shear).
-/// With all of its scales it may get a narrower one (momenta.narrower_pull).
+/// flow and map live on a coarser lattice than the images (flow.coarsening); else flow_lattice_beside_first. With
+/// momenta.first_order_shear each level begins so, and its displacement then tells whether first orders are worth it;
+/// once they were, all finer levels have them. Where they were not on the finest one, order 0 may get finer scales and
+/// be asked again (momenta.finer_shear). With all of its scales it may get a narrower one (momenta.narrower_pull).
 template <int Dim>
 class PyramidRun {
  public:

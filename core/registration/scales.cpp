@@ -99,10 +99,17 @@ bool are_elements_alone(int dimension, SimilarityType similarity) {
   return similarity == SimilarityType::Mi || similarity == SimilarityType::Ngf || similarity == SimilarityType::Mind;
 }
 
-/// Similarities that take from a few samples how much contrast there is, and with fine voxels much of that from their
-/// noise; core/measurements.md, "Finer images".
-bool sees_contrast_of_few(SimilarityType similarity) {
-  return similarity == SimilarityType::Lncc || similarity == SimilarityType::Ngf;
+/// What interpolation may take from the noise, on all levels. With lncc and ngf, which take the contrast from a few
+/// samples, finer images lead astray by what is lost of their noise; core/measurements.md, "Finer images".
+double usual_lost_noise(SimilarityType similarity, bool sees_finer) {
+  const bool takes_contrast_of_few = similarity == SimilarityType::Lncc || similarity == SimilarityType::Ngf;
+  return sees_finer && takes_contrast_of_few ? 0.003 : 0.0075;
+}
+
+/// Whether first orders, and the flow, stay as coarse as balanced has them where accurate sees finer images. With ssd
+/// they take the place of order 0 on the finest scale; core/measurements.md, "Finer images".
+bool keeps_first_orders_coarse(const RegistrationOptions& options) {
+  return options.model == Model::Auto && options.similarity != SimilarityType::Ssd;
 }
 
 /// Both orders at all sites of an image of full resolution take 800 bytes a voxel. At every second one they take a
@@ -168,13 +175,12 @@ void resolve_scales(int dimension, double reference_mm, const RegistrationOption
     o.momenta.finest_scale = std::min(scale, o.pyramid.levels - 1);
   }
   if (o.momenta.first_order_finest_scale < 0) {
-    const bool stays_coarse =
-        is_coarse || (sees_finer && o.model == Model::Auto && are_elements_alone(dimension, o.similarity));
+    const bool stays_coarse = is_coarse || (sees_finer && keeps_first_orders_coarse(o));
     o.momenta.first_order_finest_scale =
         stays_coarse ? std::clamp(1, finest, std::max(finest, o.pyramid.levels - 1)) : finest;
   }
   if (o.similarity_parameters.lost_noise == 0)
-    o.similarity_parameters.lost_noise = sees_finer && sees_contrast_of_few(o.similarity) ? 0.003 : 0.0075;
+    o.similarity_parameters.lost_noise = usual_lost_noise(o.similarity, sees_finer && o.model == Model::Auto);
   if (o.momenta.scales == 0) o.momenta.scales = std::max(1, o.pyramid.levels - o.momenta.finest_scale);
 }
 

@@ -9,8 +9,8 @@ struct SimilarityOptions {
   double noise = -1;              ///< sd of the white noise in both images; -1: estimated, see grid/noise.h
   double smoothing_voxels = -1;   ///< Gaussian that both images are smoothed with, sd in voxels of the level; -1: as
                                   ///< little as keeps the noise from favouring displacements by half a voxel
-  double lost_noise = 0;          ///< sd of what linear interpolation may take from the noise, which smoothing follows;
-                                  ///< 0: by similarity, preset and voxel
+  double lost_noise = 0.0075;     ///< sd of what linear interpolation may take from the noise, which smoothing follows;
+                                  ///< 0: what was measured (core/measurements.md, "Finer images")
   double ssd_residual = 0.014;    ///< sd of what ssd leaves beside noise: its weight is 1 / (1 + (noise / this)^2)
   double weight = 1;              ///< multiplies the similarity
   double ncc_floor = 0.001;       ///< standard deviation below which an image is flat

@@ -114,8 +114,9 @@ std::string measured_from(const std::string& name, const ReportInput<Dim>& input
            "settled_plain_shear) it is all that is sharp";
   if (name == "oriented_alone" || name == "oriented_width")
     return "from the similarity and the dimension, with ssd from the fixed image's contrast (full_contrast)";
+  if (name == "lost_noise") return "from the similarity, and whether the images are finer than with balanced";
   if (name == "shear_weights")
-    return "from the similarity, the preset and the dimension, where oriented momenta are alone and wait for order 0, "
+    return "from the similarity and the dimension, where oriented momenta are alone and wait for order 0, "
            "reweighted rounds follow and the path of weights is the usual one";
   if (name == "sparsity") return where_sparsity_is_from(*input.options);
   return "from the levels";
@@ -158,6 +159,8 @@ std::vector<Choice> choices(const ReportInput<Dim>& input) {
     const bool is_of_oriented =
         asked.name == "oblique_share" || asked.name == "shear_weights" || asked.name.starts_with("oriented_");
     if (is_of_oriented && !is_set && input.result->options.momenta.orientations == 0) continue;
+    const bool smoothing_is_given = input.options->similarity_parameters.smoothing_voxels >= 0;
+    if (asked.name == "lost_noise" && !is_set && smoothing_is_given) continue;
     if (is_set)
       found.push_back(
           {asked.name, asked.value, asked.unit, "set by the job; the default is " + by_default->second, true});

@@ -124,6 +124,12 @@ TEST(ResolvedOptions, LoseLessOfTheNoiseWhereAccurateSeesFinerImages) {
     EXPECT_EQ(lost(similarity, Preset::Accurate, plane(1)), 0.0075);
     EXPECT_EQ(lost(similarity, Preset::Balanced, block(1.5)), 0.0075);
   }
+  for (Model model : {Model::Gaussian, Model::Wendland, Model::Sliding}) {  // as they were
+    RegistrationOptions other = default_options(model, SimilarityType::Lncc, Preset::Accurate);
+    EXPECT_EQ(resolved(other, block(1)).similarity_parameters.lost_noise, 0.0075);
+    other.similarity_parameters.lost_noise = 0;
+    EXPECT_EQ(resolved(other, block(1)).similarity_parameters.lost_noise, 0.0075);
+  }
   RegistrationOptions asked = automatic(SimilarityType::Lncc, Preset::Accurate);
   asked.similarity_parameters.lost_noise = 0.02;
   EXPECT_EQ(resolved(asked, block(1)).similarity_parameters.lost_noise, 0.02);

@@ -117,16 +117,24 @@ TEST(Choices, TellWhatALowContrastMakes) {
 
 TEST(Choices, TellWhereFirstWeightsAreFrom) {
   const std::string measured =
-      " (from the similarity, the preset and the dimension, where oriented momenta are alone and wait for order 0, "
+      " (from the similarity and the dimension, where oriented momenta are alone and wait for order 0, "
       "reweighted rounds follow and the path of weights is the usual one)";
-  EXPECT_EQ(said_of("shear_weights", Model::Auto, SimilarityType::Lncc), Lines{"1" + measured});
-  EXPECT_EQ(said_of("shear_weights", Model::Auto, SimilarityType::Lncc, {}, Preset::Balanced), Lines{"2" + measured});
+  EXPECT_EQ(said_of("shear_weights", Model::Auto, SimilarityType::Lncc), Lines{"2" + measured});
   EXPECT_EQ(said_of("shear_weights", Model::Auto, SimilarityType::Lncc, {{"shear_weights", "0"}}),
             Lines{"0 (set by the job; the default is -1)"});
   EXPECT_EQ(said_of("shear_weights", Model::Auto, SimilarityType::Lncc, {{"sparsity_path", "2"}}),
             Lines{"0" + measured});
   EXPECT_THAT(said_of("shear_weights", Model::Auto, SimilarityType::Lncc, {{"orientations", "0"}}), IsEmpty());
   EXPECT_THAT(said_of("shear_weights", Model::Sliding, SimilarityType::Lncc), IsEmpty());
+}
+
+TEST(Choices, TellHowMuchOfTheNoiseMayBeLost) {
+  const std::string from = " (from the similarity, and whether the images are finer than with balanced)";
+  EXPECT_EQ(said_of("lost_noise", Model::Auto, SimilarityType::Lncc), Lines{"0.003" + from});
+  EXPECT_THAT(said_of("lost_noise", Model::Auto, SimilarityType::Lncc, {}, Preset::Balanced), IsEmpty());
+  EXPECT_THAT(said_of("lost_noise", Model::Auto, SimilarityType::Mi), IsEmpty());
+  EXPECT_THAT(said_of("lost_noise", Model::Sliding, SimilarityType::Lncc), IsEmpty());
+  EXPECT_THAT(said_of("lost_noise", Model::Auto, SimilarityType::Lncc, {{"smoothing_voxels", "1"}}), IsEmpty());
 }
 
 // 0 is not what is used, and a report must not read as if it were.
@@ -143,9 +151,8 @@ TEST(Choices, TellTheRegularisationInUse) {
 TEST(Choices, TellWhatIsAskedOfTheShearOfOrderZero) {
   const std::string measured = " (from the similarity, the dimension and the preset, for which it was measured)";
   EXPECT_EQ(said_of("first_order_shear", Model::Auto, SimilarityType::Mi), Lines{"5" + measured});
-  EXPECT_EQ(said_of("first_order_shear", Model::Auto, SimilarityType::Ngf), Lines{"12" + measured});
-  EXPECT_EQ(said_of("first_order_shear", Model::Auto, SimilarityType::Ngf, {}, Preset::Balanced),
-            Lines{"5" + measured});
+  EXPECT_EQ(said_of("first_order_shear", Model::Auto, SimilarityType::Lncc, {}, Preset::Fast), Lines{"12" + measured});
+  EXPECT_EQ(said_of("first_order_shear", Model::Auto, SimilarityType::Lncc), Lines{"5" + measured});
   EXPECT_EQ(said_of("plain_shear", Model::Auto, SimilarityType::Ssd),
             Lines{"10 (by first_order_shear, where order 0 need not settle first: from the similarity, the dimension, "
                   "the preset and its weight beside first orders)"});
@@ -369,8 +376,8 @@ TEST(Choices, TellHowMuchOrderZeroIsHeldBesideFirstOrders) {
       lines.push_back(line);
     return lines;
   };
-  EXPECT_EQ(held(SimilarityType::Lncc, Preset::Accurate), Lines{"0.001" + from});
-  EXPECT_EQ(held(SimilarityType::Lncc, Preset::Balanced), (Lines{"0.0005" + from, "0.001" + of_plain}));
+  for (Preset preset : {Preset::Balanced, Preset::Accurate})
+    EXPECT_EQ(held(SimilarityType::Lncc, preset), (Lines{"0.0005" + from, "0.001" + of_plain}));
   EXPECT_EQ(held(SimilarityType::Ngf, Preset::Balanced), Lines{"0.003" + of_plain});
   EXPECT_EQ(held(SimilarityType::Mi, Preset::Balanced), Lines{"0.003" + from});
   EXPECT_EQ(held(SimilarityType::Mind, Preset::Balanced), (Lines{"0.0001" + from, "0.0002" + of_plain}));
