@@ -181,6 +181,7 @@ RegistrationOptions default_options(Model model, SimilarityType similarity, Pres
     if (similarity != SimilarityType::Ssd && preset == Preset::Accurate) {
       // A second step of the momenta brings nothing here (core/measurements.md, "Finer images").
       o.flow.time_steps = 1;
+      // These take the contrast from a few samples: finer images lead them astray by what is lost of their noise.
       if (similarity == SimilarityType::Lncc || similarity == SimilarityType::Ngf)
         o.similarity_parameters.lost_noise = 0;
     }

@@ -99,13 +99,6 @@ bool are_elements_alone(int dimension, SimilarityType similarity) {
   return similarity == SimilarityType::Mi || similarity == SimilarityType::Ngf || similarity == SimilarityType::Mind;
 }
 
-/// What interpolation may take from the noise, on all levels. With lncc and ngf, which take the contrast from a few
-/// samples, finer images lead astray by what is lost of their noise; core/measurements.md, "Finer images".
-double usual_lost_noise(SimilarityType similarity, bool sees_finer) {
-  const bool takes_contrast_of_few = similarity == SimilarityType::Lncc || similarity == SimilarityType::Ngf;
-  return sees_finer && takes_contrast_of_few ? 0.003 : 0.0075;
-}
-
 /// Whether first orders, and the flow, stay as coarse as balanced has them where accurate sees finer images. With ssd
 /// they take the place of order 0 on the finest scale; core/measurements.md, "Finer images".
 bool keeps_first_orders_coarse(const RegistrationOptions& options) {
@@ -180,7 +173,8 @@ void resolve_scales(int dimension, double reference_mm, const RegistrationOption
         stays_coarse ? std::clamp(1, finest, std::max(finest, o.pyramid.levels - 1)) : finest;
   }
   if (o.similarity_parameters.lost_noise == 0)
-    o.similarity_parameters.lost_noise = usual_lost_noise(o.similarity, sees_finer && o.model == Model::Auto);
+    // On all levels, as it was measured with lncc and ngf; core/measurements.md, "Finer images".
+    o.similarity_parameters.lost_noise = sees_finer && o.model == Model::Auto ? 0.003 : 0.0075;
   if (o.momenta.scales == 0) o.momenta.scales = std::max(1, o.pyramid.levels - o.momenta.finest_scale);
 }
 

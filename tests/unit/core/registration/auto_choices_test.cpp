@@ -100,6 +100,17 @@ TEST(AutoChoices, MakesWeightsFromTheMomentaFound) {
             << to_string(model) << " " << to_string(similarity) << " " << to_string(preset);
 }
 
+// Measured: core/measurements.md, "Time steps" and "Finer images".
+TEST(AutoChoices, TakesOneTimeStepWhereASecondBringsNothing) {
+  for (Model model : all_models())
+    for (SimilarityType similarity : all_similarities())
+      for (Preset preset : all_presets()) {
+        const bool is_one = preset != Preset::Accurate || (model == Model::Auto && similarity != SimilarityType::Ssd);
+        EXPECT_EQ(default_options(model, similarity, preset).flow.time_steps, is_one ? 1 : 2)
+            << to_string(model) << " " << to_string(similarity) << " " << to_string(preset);
+      }
+}
+
 TEST(AutoChoices, TakesFirstWeightsFromTheShearWhereThatWasMeasured) {
   const Lattice<2> plane{{128, 128}, {1, 1}, {}};
   const Lattice<3> cube{{128, 128, 128}, {1, 1, 1}, {}};
