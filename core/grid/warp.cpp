@@ -134,6 +134,7 @@ void warp(const FramedImage<Dim, T>& image, const Lattice<Dim>& points, const Di
       if (slopes) {
         LanePoints<Dim, T> gradient;
         values = cells.value(image.samples.data(), &gradient);
+        cells.centre_gradient(image.samples.data(), values, count, gradient);
         put_lanes<Dim, T>(map.turned_back(gradient), count, slopes + Dim * site);
       } else {
         values = cells.value(image.samples.data());
@@ -183,7 +184,8 @@ void warp_adjoint(const std::vector<WarpedDual<Dim, T>>& warped, const Lattice<D
         const LanePoints<Dim, T> mm = lanes_of<Dim, T>(mm_of_plane + Dim * (site - first), count);
         cells.find(map(index, mm));
         LanePoints<Dim, T> gradient;
-        cells.value(samples, &gradient);
+        const Lanes<Dim, T> found = cells.value(samples, &gradient);
+        cells.centre_gradient(samples, found, count, gradient);
         LanePoints<Dim, T> values = map.turned_back(gradient);
         scale_by<Dim, T>(given, values);
         T* to = plane_dual + Dim * (site - first);

@@ -221,23 +221,35 @@ template <int Dim>
 void expect_masked_samples_ignored(SimilarityType type) {
   const std::vector<double> weights = mask<Dim>();
   std::vector<double> fixed = random_waves<Dim>(lattice<Dim>(), 1), warped = random_waves<Dim>(lattice<Dim>(), 2);
-  std::vector<double> gradient(fixed.size()), changed(fixed.size()), weight_gradient(fixed.size());
   const auto similarity = make<Dim>(type);
+  struct Found {
+    double value;
+    std::vector<double> gradient;
+  };
+  const auto evaluated = [&](bool has_weight_gradient) {
+    std::vector<double> gradient(fixed.size()), weight_gradient(fixed.size());
+    const double value = similarity->evaluate(fixed.data(), warped.data(), weights.data(), gradient.data(),
+                                              has_weight_gradient ? weight_gradient.data() : nullptr);
+    return Found{value, gradient};
+  };
   similarity->prepare(fixed.data(), warped.data(), weights.data());
-  const double before = similarity->evaluate(fixed.data(), warped.data(), weights.data(), gradient.data(), nullptr);
+  const Found before = evaluated(false), before_with = evaluated(true);
   for (std::size_t i = 0; i < weights.size(); ++i) {
     if (weights[i] != 0) continue;
-    EXPECT_EQ(gradient[i], 0);
+    EXPECT_EQ(before.gradient[i], 0);
     fixed[i] = i % 2 ? 1e30 : std::nan("");
     warped[i] = i % 3 ? -1e28 : i % 5 ? 7 : std::nan("");
   }
   similarity->prepare(fixed.data(), warped.data(), weights.data());
-  EXPECT_EQ(similarity->evaluate(fixed.data(), warped.data(), weights.data(), changed.data(), nullptr), before);
-  EXPECT_EQ(changed, gradient);
-  // What showing such a sample would cost is no number; what is shown costs what it did.
-  EXPECT_EQ(similarity->evaluate(fixed.data(), warped.data(), weights.data(), changed.data(), weight_gradient.data()),
-            before);
-  EXPECT_EQ(changed, gradient);
+  const Found hidden = evaluated(false), hidden_with = evaluated(true);
+  EXPECT_EQ(hidden.value, before.value);
+  EXPECT_EQ(hidden.gradient, before.gradient);
+  // What showing such a sample would cost is no number; what is shown costs what it did, to rounding (which products a
+  // compiler joins with a sum differs) what it costs where nobody asks for that.
+  EXPECT_EQ(hidden_with.value, before_with.value);
+  EXPECT_EQ(hidden_with.gradient, before_with.gradient);
+  EXPECT_NEAR(before_with.value, before.value, 1e-14 * std::abs(before.value));
+  for (std::size_t i = 0; i < fixed.size(); ++i) ASSERT_NEAR(before_with.gradient[i], before.gradient[i], 1e-14) << i;
 }
 
 TEST_P(SimilaritySuite, IgnoresWhatTheMaskHides) {

@@ -13,6 +13,7 @@
 #include "core/kernels/kernel_profile.h"
 #include "core/momenta/spread_normals.h"
 #include "core/registration/scales.h"
+#include "tests/support/finite_differences.h"
 #include "tests/support/random_fields.h"
 
 namespace saltus {
@@ -268,6 +269,48 @@ TEST(MatchingObjective, WarpsWithTheMapOfACoarserFlow) {
   const std::vector<double> other = testing::random_values(objective.size(), 6, 0.5);
   ASSERT_TRUE(objective.evaluate(other, gradient, preconditioned).is_valid);
   EXPECT_EQ(objective.displacement(x), coarse) << "whatever was evaluated before";
+}
+
+// At rest all points of two images on one grid lie on samples, where the energy has a kink along each direction.
+// Oracle: a central difference, which is the mean of what both sides have.
+TEST(MatchingObjective, HasTheMeanSlopeOfBothSidesAtRest) {
+  omp_set_num_threads(1);
+  for (const bool has_moving_weights : {false, true}) {
+    SCOPED_TRACE(has_moving_weights);
+    MatchingLevel<2, double> level = waves();
+    level.moving.samples = testing::random_values(level.lattice.sites(), 3);  // rough
+    level.fixed_weights.assign(level.lattice.sites(), 1.0);
+    for (std::size_t site = 0; site < level.lattice.sites(); ++site) {
+      const int x = static_cast<int>(site) % level.lattice.size[0], y = static_cast<int>(site) / level.lattice.size[0];
+      const bool is_border = x == 0 || y == 0 || x == level.lattice.size[0] - 1 || y == level.lattice.size[1] - 1;
+      if (is_border) level.fixed_weights[site] = 0;  // slopes are 0 there
+    }
+    if (has_moving_weights) {
+      level.moving_weights = level.moving;
+      for (double& weight : level.moving_weights.samples) weight = 0.6 + 0.3 * weight * weight;
+    }
+    RegistrationOptions options = default_options(Model::Gaussian, SimilarityType::Ssd, Preset::Balanced);
+    options.momenta.regularisation = 3e-6;
+    options.momenta.width_voxels = 4;
+    options.momenta.scales = 1;
+    options.momenta.finest_scale = 0;
+    auto placed = make_scales<2, double>(level.lattice, options, {});
+    MatchingObjective<2, double> objective(
+        {placed[0].scale.get()}, level,
+        make_similarity<2, double>(SimilarityType::Ssd, level.lattice, options.similarity_parameters, 1.0), 0.0);
+    const std::vector<double> rest(objective.size(), 0.0), w = testing::random_values(rest.size(), 5);
+    std::vector<double> gradient(rest.size()), preconditioned(rest.size());
+    const double here = objective.evaluate(rest, gradient, preconditioned).value;
+    const double along = testing::dot(gradient, w);
+    const auto energy = [&](double step) {
+      std::vector<double> unused(rest.size()), scaled(rest.size());
+      return objective.evaluate(testing::moved(rest, step, w), unused, scaled).value;
+    };
+    const double step = 1e-10, above = energy(step), below = energy(-step);  // mm: 8000 of this
+    const double mean = (above - below) / (2 * step), kink = (above + below - 2 * here) / (2 * step);
+    EXPECT_GT(std::abs(kink), 0.02 * std::abs(mean));
+    EXPECT_NEAR(along, mean, 1e-4 * std::abs(mean));
+  }
 }
 
 // Only component i of m_i opens or closes: it gets no gradient, and all others theirs.
