@@ -253,14 +253,14 @@ class CellLanes {
     }
   };
 
-  /// Not at the border, where the slope is 0 by convention.
+  /// Not at the border, where the slope is 0 by convention: what lies on a sample then has one below.
   bool is_on_sample(int axis, int lane) const { return (fraction_[axis][lane] == T(0)) & (slope_[axis][lane] > T(0)); }
   [[gnu::noinline]] void centre_slopes(int axis, const T* field, const Lanes& values, Lanes& slopes) const {
     CellLanes below = *this;
     for (int lane = 0; lane < kLanes; ++lane) below.base_[lane] -= is_on_sample(axis, lane) ? stride_[axis] : 0;
     const Lanes before = below.value(field);
     for (int lane = 0; lane < kLanes; ++lane)
-      if (is_on_sample(axis, lane)) slopes[lane] = (slopes[lane] + values[lane] - before[lane]) / 2;
+      if (is_on_sample(axis, lane)) slopes[lane] = (slopes[lane] + (values[lane] - before[lane])) / 2;
   }
 
   /// Whether corners are taken row by row; where the lattice has one sample along x there are no rows.

@@ -24,7 +24,8 @@ struct Displacement {
 };
 
 /// out(x) = image(x + u(x)) at the sites of `points`, linear; beyond the image the border's value is used. `slopes`,
-/// where it is not null: the derivative of out(x) by u(x), 1/mm, interleaved; on a sample the mean of both sides.
+/// where it is not null: the derivative of out(x) by u(x), 1/mm, interleaved; on an inner sample the mean of both
+/// sides.
 template <int Dim, class T>
 void warp(const FramedImage<Dim, T>& image, const Lattice<Dim>& points, const Displacement<Dim, T>& displacement,
           T* out, T* slopes = nullptr);

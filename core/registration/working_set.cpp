@@ -86,8 +86,16 @@ void WorkingSet<Dim, T>::gather_factors() {
     std::vector<float>& factors = sparsity_[oriented.range].factors;
     factors.clear();
     if (factors_[oriented.range].empty()) continue;
-    for (std::uint32_t element : oriented.active) factors.push_back(factors_[oriented.range][element]);
+    for (std::uint32_t element : oriented.active) factors.push_back(factor_of(oriented, element));
   }
+}
+
+template <int Dim, class T>
+float WorkingSet<Dim, T>::factor_of(const Oriented& oriented, std::uint32_t element) const {
+  const std::vector<float>& factors = factors_[oriented.range];
+  if (factors.empty()) return 1;
+  const bool is_by_site = factors.size() == oriented.momenta->lattice().sites();
+  return factors[is_by_site ? oriented.momenta->site_of(element) : element];
 }
 
 template <int Dim, class T>

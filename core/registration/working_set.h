@@ -76,8 +76,8 @@ class WorkingSet {
 
   /// Sets the sparsity weights for a round that starts from x, and whether blocks may join in it.
   void weigh(const SparsityRound& round, const std::vector<T>& x);
-  /// The factors made by `weigh`, for all sites of each order-1 field, then for all elements of the oriented momenta of
-  /// each scale that has them (empty: 1 each).
+  /// The factors made by `weigh`, for all sites of each order-1 field, then for the oriented momenta of each scale that
+  /// has them: for all elements, or, where all normals have the same, by site (empty: 1 each).
   const std::vector<std::vector<float>>& weights() const { return factors_; }
   /// Puts back what `weights` gave in this round. Throws InvalidInput when they do not fit.
   void restore_weights(const SparsityRound& round, const std::vector<std::vector<float>>& factors);
@@ -166,6 +166,7 @@ class WorkingSet {
   };
   void lay_out();
   void gather_factors();
+  float factor_of(const Oriented& oriented, std::uint32_t element) const;
   bool has_elements(std::size_t scale) const;
   bool may_stand_alone(std::size_t scale) const;
   bool looks_at_blocks(std::size_t scale) const;

@@ -48,14 +48,13 @@ template <int Dim, class T>
 std::vector<std::uint32_t> WorkingSet<Dim, T>::wanted_elements(const Oriented& oriented, const MinimiserState<T>& state,
                                                                bool& changes) {
   const GroupSparsity& range = sparsity_[oriented.range];
-  const std::vector<float>& factors = factors_[oriented.range];
   const auto is_zero = [](const auto* values) {
     return std::all_of(values, values + Dim - 1, [](T value) { return value == T(0); });
   };
   const auto excess = [&](std::uint32_t element, const T* gradient) {  // how many times its weight an element pulls
     double square = 0;
     for (int c = 0; c < Dim - 1; ++c) square += static_cast<double>(gradient[c]) * gradient[c];
-    return std::sqrt(square) / (factors.empty() ? range.weight : range.weight * factors[element]);
+    return std::sqrt(square) / (range.weight * factor_of(oriented, element));
   };
   const auto pulls = [&](std::uint32_t element, const T* gradient) { return excess(element, gradient) > 1; };
   std::vector<std::uint32_t> staying, joining;

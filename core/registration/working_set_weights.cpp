@@ -67,7 +67,7 @@ std::vector<std::vector<float>> WorkingSet<Dim, T>::sizes_of(std::size_t scale, 
 
 /// Factors by size, see reweighted_factors, in lists as those of sizes_of. A scale that has no first orders yet takes
 /// them from the next coarser one that has: of its m_i field by field; of its elements, whose normals may be others,
-/// from all that is there. Where there is none either they are 1 (empty lists).
+/// from all that is there, in one list. Where there is none either they are 1 (empty lists).
 template <int Dim, class T>
 std::vector<std::vector<float>> WorkingSet<Dim, T>::reweighted(std::size_t scale, const std::vector<T>& x) const {
   const Lattice<Dim>& lattice = scales_[scale]->lattice();
@@ -90,7 +90,6 @@ std::vector<std::vector<float>> WorkingSet<Dim, T>::reweighted(std::size_t scale
     for (std::size_t field = 0; field < fields; ++field)
       for (float& factor : factors[field]) factor = std::max(factor, kLeastCarried);
     factors = carried<Dim>(from, factors, lattice);
-    if (lists > fields) factors.resize(lists, std::vector<float>(factors.back()));
     return factors;
   }
   return Lists(lists);
@@ -103,17 +102,17 @@ void WorkingSet<Dim, T>::weigh(const SparsityRound& round, const std::vector<T>&
     if (!scales_[s]->can_slide()) continue;
     const std::size_t fields = static_cast<std::size_t>(first_[s].fields), sites = scales_[s]->lattice().sites();
     Oriented& oriented = oriented_[s];
-    const std::size_t lists = fields + (has_elements(s) ? oriented.momenta->options().normals.size() : 0);
-    Lists factors;
+    Lists factors;  // of the fields, then of elements: by normal, or one list for all normals
     switch (round.weights) {
       case SparsityRound::Weights::Even:
-        factors.assign(lists, std::vector<float>(round.factor == 1 ? 0 : sites, static_cast<float>(round.factor)));
+        factors.assign(fields + has_elements(s),
+                       std::vector<float>(round.factor == 1 ? 0 : sites, static_cast<float>(round.factor)));
         break;
       case SparsityRound::Weights::OfShear:
         factors.assign(fields, std::vector<float>());
-        if (lists == fields) break;
+        if (!has_elements(s)) break;
         if (oriented.strengths.empty()) throw std::logic_error("weights of shear are asked for before a turn");
-        factors.resize(lists, shear_factors(oriented.strengths));
+        factors.push_back(shear_factors(oriented.strengths));
         break;
       case SparsityRound::Weights::Reweighted:
         factors = reweighted(s, x);
@@ -123,11 +122,14 @@ void WorkingSet<Dim, T>::weigh(const SparsityRound& round, const std::vector<T>&
         break;
     }
     free_vector(oriented.strengths);
-    if (oriented.momenta) {  // those of all normals in one list
-      std::vector<float>& together = factors_[oriented.range];
-      together.clear();
-      for (std::size_t n = fields; n < lists; ++n)
+    if (oriented.momenta) {
+      std::vector<float> together;
+      together.reserve((factors.size() - fields) * sites);
+      for (std::size_t n = fields; n < factors.size(); ++n) {
         together.insert(together.end(), factors[n].begin(), factors[n].end());
+        free_vector(factors[n]);  // nine of them are as large as an image's field three times
+      }
+      factors_[oriented.range] = std::move(together);
     }
     std::move(factors.begin(), factors.begin() + static_cast<std::ptrdiff_t>(fields),
               factors_.begin() + static_cast<std::ptrdiff_t>(first_[s].range));
@@ -142,7 +144,8 @@ void WorkingSet<Dim, T>::restore_weights(const SparsityRound& round, const std::
     fits = factors[r].empty() || factors[r].size() == blocks_[r].all_sites();
   for (const Oriented& oriented : oriented_)
     if (fits && oriented.momenta)
-      fits = factors[oriented.range].empty() || factors[oriented.range].size() == oriented.momenta->elements();
+      fits = factors[oriented.range].empty() || factors[oriented.range].size() == oriented.momenta->elements() ||
+             factors[oriented.range].size() == oriented.momenta->lattice().sites();
   if (!fits)
     throw InvalidInput("the sparsity factors are " + std::to_string(factors.size()) + " lists for " +
                        std::to_string(sparsity_.size()) + " fields of first-order momenta, or of other lengths");

@@ -186,40 +186,45 @@ TEST(Warp, TakesRowsOfAnyLength) {
   }
 }
 
-// Oracle: central differences, which are the mean of both sides where cells meet. Some points lie on a sample, some
-// between two along one axis.
-template <int Dim>
+// Oracle: central differences, which are the mean of both sides where cells meet. Some points lie on a sample, others
+// between two along one axis or all.
+template <int Dim, class T>
 void expect_mean_slopes_on_samples(int width) {
   SCOPED_TRACE(width);
   Lattice<Dim> lattice;
   lattice.size.fill(6);
   lattice.spacing.fill(1);
   lattice.size[0] = width;
-  const FramedImage<Dim, double> image = plain_image(lattice, random_values(lattice.sites(), 1));
   const std::size_t sites = lattice.sites();
-  std::vector<double> u(Dim * sites, 0.0);
-  for (std::size_t site = 0; site < sites; site += 3) u[Dim * site + site % Dim] = 0.25;
-  const std::vector<double> dual = random_values(sites, 2);
-  std::vector<double> out(sites), slopes(Dim * sites), u_dual(Dim * sites), above(sites), below(sites);
-  warp<Dim, double>(image, lattice, u.data(), out.data(), slopes.data());
-  warp_adjoint<Dim, double>({{&image, dual.data()}}, lattice, u.data(), u_dual.data());
-  const double step = 1.0 / 64;  // piecewise linear: no rounding, and no error
+  const std::vector<double> noise = random_values(sites, 1);
+  const FramedImage<Dim, T> image = plain_image(lattice, std::vector<T>(noise.begin(), noise.end()));
+  std::vector<T> u(Dim * sites, T(0));
+  for (std::size_t site = 0; site < sites; site += 3)
+    for (std::size_t axis = 0; axis < Dim; ++axis)
+      if (axis == site / 3 % (Dim + 1) || site / 3 % (Dim + 1) == Dim) u[Dim * site + axis] = T(0.25);
+  const std::vector<double> some = random_values(sites, 2);
+  const std::vector<T> dual(some.begin(), some.end());
+  std::vector<T> out(sites), slopes(Dim * sites), u_dual(Dim * sites), above(sites), below(sites);
+  warp<Dim, T>(image, lattice, u.data(), out.data(), slopes.data());
+  warp_adjoint<Dim, T>({{&image, dual.data()}}, lattice, u.data(), u_dual.data());
+  const T step = T(1) / 64;  // piecewise linear along an axis: no error but rounding
+  const T close = 200 * std::numeric_limits<T>::epsilon();
   int kinks = 0;
   for (int axis = 0; axis < Dim; ++axis) {
-    const auto differences_at = [&](double by, std::vector<double>& moved) {
-      std::vector<double> at = u;
+    const auto warp_at = [&](T by, std::vector<T>& moved) {
+      std::vector<T> at = u;
       for (std::size_t site = 0; site < sites; ++site) at[Dim * site + axis] += by;
-      warp<Dim, double>(image, lattice, at.data(), moved.data());
+      warp<Dim, T>(image, lattice, at.data(), moved.data());
     };
-    differences_at(step, above);
-    differences_at(-step, below);
+    warp_at(step, above);
+    warp_at(-step, below);
     for (int slab = 0; slab < lattice.size[Dim - 1]; ++slab)
       visit_slab<Dim>(lattice, slab, [&](const Index<Dim>& index, std::size_t site) {
-        if (index[axis] == 0 || index[axis] == lattice.size[axis] - 1) return;  // see LinearCell for the border
-        const double expected = (above[site] - below[site]) / (2 * step);
-        if (std::abs(above[site] + below[site] - 2 * out[site]) > 0.1 * step) ++kinks;
-        ASSERT_NEAR(slopes[Dim * site + axis], expected, 1e-12);
-        ASSERT_NEAR(u_dual[Dim * site + axis], dual[site] * expected, 1e-12);
+        if (index[axis] == 0 || index[axis] == lattice.size[axis] - 1) return;  // 0 at the border
+        const T expected = (above[site] - below[site]) / (2 * step);
+        if (std::abs(above[site] + below[site] - 2 * out[site]) > T(0.1) * step) ++kinks;
+        ASSERT_NEAR(slopes[Dim * site + axis], expected, close);
+        ASSERT_NEAR(u_dual[Dim * site + axis], dual[site] * expected, close);
       });
   }
   EXPECT_GT(kinks, static_cast<int>(sites) / 4);
@@ -227,8 +232,10 @@ void expect_mean_slopes_on_samples(int width) {
 
 TEST(Warp, HasTheMeanSlopeOfBothSidesOnASample) {
   for (int width : {5, 16, 37}) {
-    expect_mean_slopes_on_samples<2>(width);
-    expect_mean_slopes_on_samples<3>(width);
+    expect_mean_slopes_on_samples<2, double>(width);
+    expect_mean_slopes_on_samples<3, double>(width);
+    expect_mean_slopes_on_samples<2, float>(width);
+    expect_mean_slopes_on_samples<3, float>(width);
   }
 }
 

@@ -306,7 +306,7 @@ TEST(MatchingObjective, HasTheMeanSlopeOfBothSidesAtRest) {
       std::vector<double> unused(rest.size()), scaled(rest.size());
       return objective.evaluate(testing::moved(rest, step, w), unused, scaled).value;
     };
-    const double step = 1e-10, above = energy(step), below = energy(-step);  // mm: 8000 of this
+    const double step = 1e-10, above = energy(step), below = energy(-step);  // moves by 1e-6 mm
     const double mean = (above - below) / (2 * step), kink = (above + below - 2 * here) / (2 * step);
     EXPECT_GT(std::abs(kink), 0.02 * std::abs(mean));
     EXPECT_NEAR(along, mean, 1e-4 * std::abs(mean));

@@ -318,7 +318,7 @@ JoinedBeside join_beside_what_is_active(std::uint64_t seed) {
 TEST(OrientedModel, LetsLittleJoinBesideWhatIsActive) {
   omp_set_num_threads(1);
   JoinedBeside all;
-  for (std::uint64_t seed : {1, 2, 3, 4, 5, 6}) {  // one has a few of what is kept out
+  for (std::uint64_t seed : {1, 2, 3, 4, 5, 6, 7, 8, 9, 10}) {  // each has few that are kept out
     SCOPED_TRACE(seed);
     const JoinedBeside found = join_beside_what_is_active(seed);
     all.kept_out += found.kept_out;

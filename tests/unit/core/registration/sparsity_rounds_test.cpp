@@ -204,13 +204,11 @@ TEST(SparsityWeights, OfElementsComeFromAllThatACoarserScaleHas) {
   const int at[2] = {6, 5};
   x[set.sparsity()[1].begin + 2 * static_cast<std::size_t>(at[1] * coarse.size[0] + at[0])] = 0.7;  // in m_2
   set.weigh({Weights::Reweighted, 1}, x);
-  const std::vector<float>& elements = set.weights().back();  // of the finer scale, normal by normal
-  ASSERT_EQ(elements.size(), 8 * fine.sites());
-  for (int normal = 0; normal < 8; ++normal) {
-    const auto [place, count] = favoured(fine, elements.data() + static_cast<std::size_t>(normal) * fine.sites());
-    EXPECT_GT(count, 10) << normal;
-    for (int a = 0; a < 2; ++a) EXPECT_NEAR(place[a], coarse.offset[a] + at[a] * coarse.spacing[a], 1.0) << normal;
-  }
+  const std::vector<float>& elements = set.weights().back();  // of the finer scale, the same for all normals
+  ASSERT_EQ(elements.size(), fine.sites());
+  const auto [place, count] = favoured(fine, elements.data());
+  EXPECT_GT(count, 10);
+  for (int a = 0; a < 2; ++a) EXPECT_NEAR(place[a], coarse.offset[a] + at[a] * coarse.spacing[a], 1.0);
 }
 
 // Of elements, by what the structure tensor says; momenta along the axes have no normal that could tell.
@@ -231,15 +229,26 @@ TEST(SparsityWeights, FollowTheShearWhereTheVelocityIsToShowWhereElementsAre) {
   set.weigh({Weights::OfShear, 1}, std::vector<double>(set.size(), 0.0));
   ASSERT_EQ(set.weights().size(), 3u);
   EXPECT_TRUE(set.weights()[0].empty() && set.weights()[1].empty());
-  const std::vector<float>& elements = set.weights()[2];
-  ASSERT_EQ(elements.size(), 8 * lattice.sites());
-  for (std::size_t e = 0; e < elements.size(); ++e) {
-    const double share = strengths[e % lattice.sites()];
-    EXPECT_FLOAT_EQ(elements[e], static_cast<float>(1 / (0.15 + 8 * std::pow(share, 4)))) << e;
-  }
+  const std::vector<float> elements = set.weights()[2];  // the same for all normals
+  ASSERT_EQ(elements.size(), lattice.sites());
+  for (std::size_t site = 0; site < elements.size(); ++site)
+    EXPECT_FLOAT_EQ(elements[site], static_cast<float>(1 / (0.15 + 8 * std::pow(strengths[site], 4)))) << site;
+  // Each element has that of its site, whatever its normal.
+  const auto sites = static_cast<std::uint32_t>(lattice.sites());
+  const std::vector<std::vector<std::uint32_t>> active = {{5, 11, 12, 300, 3 * sites + 11, 3 * sites + 40, 7 * sites}};
+  set.set_active_elements(active);
+  const std::vector<float>& own = set.sparsity()[2].factors;
+  ASSERT_EQ(own.size(), active[0].size());
+  for (std::size_t e = 0; e < own.size(); ++e) EXPECT_EQ(own[e], elements[active[0][e] % lattice.sites()]) << e;
   const auto [least, most] = std::minmax_element(elements.begin(), elements.end());
   EXPECT_FLOAT_EQ(*least, static_cast<float>(1 / 8.15)) << "where it changes most";
   EXPECT_FLOAT_EQ(*most, static_cast<float>(1 / 0.15)) << "where it hardly does";
+  // Put back they are what they were.
+  WorkingSet<2, double> restored(scene.scales, 1e-3, 0.5);
+  restored.turn(interface);
+  restored.restore_weights({Weights::OfShear, 1}, set.weights());
+  restored.set_active_elements(active);
+  EXPECT_EQ(restored.sparsity()[2].factors, own);
   // Said once: other weights, and turning again, begin anew.
   set.turn(interface);
   set.weigh({Weights::Even, 1}, std::vector<double>(set.size(), 0.0));
