@@ -121,7 +121,7 @@ void for_planes(const Lattice<Dim>& points, const Displacement<Dim, T>& displace
 
 template <int Dim, class T>
 void warp(const FramedImage<Dim, T>& image, const Lattice<Dim>& points, const Displacement<Dim, T>& displacement,
-          T* out, T* slopes) {
+          T* out, T* slopes, OnSample sides) {
   const PointMap<Dim, T> map(image, points);
   const auto all = BlockMask<Dim>::all(points);
   for_planes(points, displacement, [&](int plane, std::size_t first, PlaneAtHand<Dim, T>& at_hand) {
@@ -134,7 +134,7 @@ void warp(const FramedImage<Dim, T>& image, const Lattice<Dim>& points, const Di
       if (slopes) {
         LanePoints<Dim, T> gradient;
         values = cells.value(image.samples.data(), &gradient);
-        cells.centre_gradient(image.samples.data(), values, count, gradient);
+        if (sides == OnSample::Mean) cells.centre_gradient(image.samples.data(), values, count, gradient);
         put_lanes<Dim, T>(map.turned_back(gradient), count, slopes + Dim * site);
       } else {
         values = cells.value(image.samples.data());
@@ -165,7 +165,7 @@ void warp_adjoint(const T* dual, const T* slopes, const Lattice<Dim>& points, La
 
 template <int Dim, class T>
 void warp_adjoint(const std::vector<WarpedDual<Dim, T>>& warped, const Lattice<Dim>& points,
-                  const Displacement<Dim, T>& displacement, T* displacement_dual) {
+                  const Displacement<Dim, T>& displacement, T* displacement_dual, OnSample sides) {
   const auto all = BlockMask<Dim>::all(points);
   const std::size_t scalars = Dim * plane_sites(points);
   LatticeInterpolation<Dim, T>* to_sites = displacement.to_sites;
@@ -185,7 +185,7 @@ void warp_adjoint(const std::vector<WarpedDual<Dim, T>>& warped, const Lattice<D
         cells.find(map(index, mm));
         LanePoints<Dim, T> gradient;
         const Lanes<Dim, T> found = cells.value(samples, &gradient);
-        cells.centre_gradient(samples, found, count, gradient);
+        if (sides == OnSample::Mean) cells.centre_gradient(samples, found, count, gradient);
         LanePoints<Dim, T> values = map.turned_back(gradient);
         scale_by<Dim, T>(given, values);
         T* to = plane_dual + Dim * (site - first);
@@ -206,11 +206,11 @@ void warp_adjoint(const std::vector<WarpedDual<Dim, T>>& warped, const Lattice<D
 
 #define SALTUS_WARP(DIM, TYPE)                                                                                      \
   template void warp<DIM, TYPE>(const FramedImage<DIM, TYPE>&, const Lattice<DIM>&, const Displacement<DIM, TYPE>&, \
-                                TYPE*, TYPE*);                                                                      \
+                                TYPE*, TYPE*, OnSample);                                                            \
   template void warp_adjoint<DIM, TYPE>(const TYPE*, const TYPE*, const Lattice<DIM>&,                              \
                                         LatticeInterpolation<DIM, TYPE>*, TYPE*);                                   \
   template void warp_adjoint<DIM, TYPE>(const std::vector<WarpedDual<DIM, TYPE>>&, const Lattice<DIM>&,             \
-                                        const Displacement<DIM, TYPE>&, TYPE*);
+                                        const Displacement<DIM, TYPE>&, TYPE*, OnSample);
 SALTUS_WARP(2, float)
 SALTUS_WARP(3, float)
 SALTUS_WARP(2, double)

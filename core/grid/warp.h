@@ -23,16 +23,19 @@ struct Displacement {
   LatticeInterpolation<Dim, T>* to_sites = nullptr;
 };
 
+/// What a slope is where a point lies on an inner sample, at which linear interpolation has a kink: that of the cell
+/// above, or the mean of both. On the outermost samples it is 0.
+enum class OnSample { Upper, Mean };
+
 /// out(x) = image(x + u(x)) at the sites of `points`, linear; beyond the image the border's value is used. `slopes`,
-/// where it is not null: the derivative of out(x) by u(x), 1/mm, interleaved; on an inner sample the mean of both
-/// sides.
+/// where it is not null: the derivative of out(x) by u(x), 1/mm, interleaved, on samples as `sides` says.
 template <int Dim, class T>
 void warp(const FramedImage<Dim, T>& image, const Lattice<Dim>& points, const Displacement<Dim, T>& displacement,
-          T* out, T* slopes = nullptr);
+          T* out, T* slopes = nullptr, OnSample sides = OnSample::Upper);
 template <int Dim, class T>
 void warp(const FramedImage<Dim, T>& image, const Lattice<Dim>& points, const T* displacement, T* out,
-          T* slopes = nullptr) {
-  warp<Dim, T>(image, points, Displacement<Dim, T>{displacement}, out, slopes);
+          T* slopes = nullptr, OnSample sides = OnSample::Upper) {
+  warp<Dim, T>(image, points, Displacement<Dim, T>{displacement}, out, slopes, sides);
 }
 
 /// The adjoint of `warp`, for the field that the displacement is made of (`to_sites` as there, null where it lies at
@@ -53,11 +56,11 @@ struct WarpedDual {
 /// displacement_dual may be the field itself.
 template <int Dim, class T>
 void warp_adjoint(const std::vector<WarpedDual<Dim, T>>& warped, const Lattice<Dim>& points,
-                  const Displacement<Dim, T>& displacement, T* displacement_dual);
+                  const Displacement<Dim, T>& displacement, T* displacement_dual, OnSample sides = OnSample::Upper);
 template <int Dim, class T>
 void warp_adjoint(const std::vector<WarpedDual<Dim, T>>& warped, const Lattice<Dim>& points, const T* displacement,
-                  T* displacement_dual) {
-  warp_adjoint<Dim, T>(warped, points, Displacement<Dim, T>{displacement}, displacement_dual);
+                  T* displacement_dual, OnSample sides = OnSample::Upper) {
+  warp_adjoint<Dim, T>(warped, points, Displacement<Dim, T>{displacement}, displacement_dual, sides);
 }
 
 }  // namespace saltus

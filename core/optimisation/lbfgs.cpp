@@ -113,11 +113,12 @@ class Minimisation {
   void measure_optimality();
   bool step();
   bool try_along(const std::deque<CurvaturePair<T>>& pairs);
+  bool leave_kink();
   void find_direction(const std::deque<CurvaturePair<T>>& pairs);
   void move_on();
 
   Evaluation evaluate(const std::vector<T>& at, std::vector<T>& gradient, std::vector<T>& preconditioned,
-                      double& sparsity);
+                      double& sparsity, bool between_sides = false);
   bool is_due(int iteration) const;
   Revision revise();
   Revision revise_after_look(int iteration);
@@ -252,13 +253,29 @@ auto Minimisation<T>::end_unless_more_joins(MinimiseTermination why) -> Next {
 }
 
 /// Finds a point with less energy: candidate_, with its gradients. False if there is none along the quasi-Newton
-/// direction, nor, where the model of the curvature was wrong, along steepest descent.
+/// direction, nor, where the model of the curvature was wrong, along steepest descent, nor between the sides of a kink.
 template <class T>
 bool Minimisation<T>::step() {
   has_forgotten_ = is_used_ = false;
   if (try_along(state_.pairs)) return true;
-  if (state_.pairs.empty()) return false;
+  if (!state_.pairs.empty()) {
+    has_forgotten_ = true;
+    if (try_along({})) return true;
+  }
+  return leave_kink();
+}
+
+/// The same along the steepest descent between the sides of a kink that state_.x may lie on.
+template <class T>
+bool Minimisation<T>::leave_kink() {
+  double sparsity_here = 0;
+  const Evaluation here = evaluate(state_.x, next_gradient_, next_preconditioned_, sparsity_here, true);
+  if (!here.is_valid || next_gradient_ == state_.gradient) return false;
+  std::swap(next_gradient_, state_.gradient);
+  std::swap(next_preconditioned_, state_.preconditioned);
   has_forgotten_ = true;
+  find_pseudo();
+  is_used_ = false;
   return try_along({});
 }
 
@@ -326,9 +343,10 @@ void Minimisation<T>::move_on() {
 
 template <class T>
 Evaluation Minimisation<T>::evaluate(const std::vector<T>& at, std::vector<T>& gradient, std::vector<T>& preconditioned,
-                                     double& sparsity) {
+                                     double& sparsity, bool between_sides) {
   ++state_.evaluations;
-  Evaluation found = objective_.evaluate(at, gradient, preconditioned);
+  Evaluation found = between_sides ? objective_.evaluate_between_sides(at, gradient, preconditioned)
+                                   : objective_.evaluate(at, gradient, preconditioned);
   sparsity = sparsity_energy(ranges(), at);
   found.value += sparsity;
   found.is_valid = found.is_valid && std::isfinite(found.value) &&

@@ -43,6 +43,13 @@ class Objective {
   /// vectors come in the right size.
   virtual Evaluation evaluate(const std::vector<T>& x, std::vector<T>& gradient, std::vector<T>& preconditioned) = 0;
 
+  /// As `evaluate`; but where the value has a kink at x, the gradient is the mean of what both sides have. Asked for
+  /// where no step along the other one lowers the value.
+  virtual Evaluation evaluate_between_sides(const std::vector<T>& x, std::vector<T>& gradient,
+                                            std::vector<T>& preconditioned) {
+    return evaluate(x, gradient, preconditioned);
+  }
+
   /// An example of what noise in the data adds to the gradient at x, where the last evaluation was, and that
   /// preconditioned, both as there; about as much work. Forgets what that evaluation found outside the working set.
   /// False, and nothing written, where noise is not known.

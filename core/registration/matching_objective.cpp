@@ -13,9 +13,9 @@ namespace saltus {
 
 template <int Dim, class T>
 void warp_level(const MatchingLevel<Dim, T>& level, const Displacement<Dim, T>& displacement, Field<T>& warped,
-                Field<T>& weights, T* slopes) {
+                Field<T>& weights, T* slopes, OnSample sides) {
   warped.resize(level.lattice.sites());
-  warp<Dim, T>(level.moving, level.lattice, displacement, warped.data(), slopes);
+  warp<Dim, T>(level.moving, level.lattice, displacement, warped.data(), slopes, sides);
   if (level.moving_weights.samples.empty()) {
     weights.assign(level.fixed_weights.begin(), level.fixed_weights.end());
     return;
@@ -71,6 +71,18 @@ void MatchingObjective<Dim, T>::on_work(std::function<void(double)> callback) {
 template <int Dim, class T>
 Evaluation MatchingObjective<Dim, T>::evaluate(const std::vector<T>& x, std::vector<T>& gradient,
                                                std::vector<T>& preconditioned) {
+  return evaluate_with(OnSample::Upper, x, gradient, preconditioned);
+}
+
+template <int Dim, class T>
+Evaluation MatchingObjective<Dim, T>::evaluate_between_sides(const std::vector<T>& x, std::vector<T>& gradient,
+                                                             std::vector<T>& preconditioned) {
+  return evaluate_with(OnSample::Mean, x, gradient, preconditioned);
+}
+
+template <int Dim, class T>
+Evaluation MatchingObjective<Dim, T>::evaluate_with(OnSample sides, const std::vector<T>& x, std::vector<T>& gradient,
+                                                    std::vector<T>& preconditioned) {
   polls_ = 0;
   if (on_work_) on_work_(0);
   const std::vector<MomentumPointers<T>> momenta = set_.evaluated(x);
@@ -102,7 +114,7 @@ Evaluation MatchingObjective<Dim, T>::evaluate(const std::vector<T>& x, std::vec
     parts_.regularisation += scales_[s]->penalty_of_velocity(momenta[s].zeroth, velocity, gradients[s].zeroth);
   });
   const Displacement<Dim, T> displacement = on_level(map_.follow(shooting_.velocities()));
-  warp_level<Dim, T>(level_, displacement, warped_, weights_, slopes());
+  warp_level<Dim, T>(level_, displacement, warped_, weights_, slopes(), sides);
   const T* weights = weights_.empty() ? nullptr : weights_.data();
   parts_.similarity =
       level_.similarity_weight * similarity_->evaluate(level_.fixed.data(), warped_.data(), weights, image_dual_.data(),
@@ -117,7 +129,7 @@ Evaluation MatchingObjective<Dim, T>::evaluate(const std::vector<T>& x, std::vec
       parts_.regularisation += add_divergence_penalty<Dim, T>(
           flow_, shooting_.velocities()[k].data(), level_.divergence_weight * share, velocity_duals_[k].data());
     }
-  pull_back(image_dual_, weight_dual_, displacement, momenta, gradients, scaled);
+  pull_back(image_dual_, weight_dual_, displacement, momenta, gradients, scaled, sides);
   set_.finish_gradient(gradient);
   const double energy = parts_.similarity + parts_.regularisation;
   return {energy, std::isfinite(energy)};
@@ -148,12 +160,12 @@ void MatchingObjective<Dim, T>::pull_back(const Field<T>& image_dual, const Fiel
                                           const Displacement<Dim, T>& displacement,
                                           const std::vector<MomentumPointers<T>>& momenta,
                                           const std::vector<MomentumTargets<T>>& gradients,
-                                          const std::vector<MomentumTargets<T>>& scaled) {
+                                          const std::vector<MomentumTargets<T>>& scaled, OnSample sides) {
   if (const T* slopes = this->slopes())
     warp_adjoint<Dim, T>(image_dual.data(), slopes, level_.lattice, displacement.to_sites, map_dual_.data());
   else
     warp_adjoint<Dim, T>({{&level_.moving, image_dual.data()}, {&level_.moving_weights, weight_dual.data()}},
-                         level_.lattice, displacement, map_dual_.data());
+                         level_.lattice, displacement, map_dual_.data(), sides);
   map_.adjoint(shooting_.velocities(), map_dual_, velocity_duals_);
   shooting_.adjoint(momenta, velocity_duals_, gradients, scaled);
 }
@@ -286,13 +298,13 @@ std::vector<double> MatchingObjective<Dim, T>::hamiltonians(const std::vector<T>
 }
 
 template void warp_level(const MatchingLevel<2, float>&, const Displacement<2, float>&, Field<float>&, Field<float>&,
-                         float*);
+                         float*, OnSample);
 template void warp_level(const MatchingLevel<3, float>&, const Displacement<3, float>&, Field<float>&, Field<float>&,
-                         float*);
+                         float*, OnSample);
 template void warp_level(const MatchingLevel<2, double>&, const Displacement<2, double>&, Field<double>&,
-                         Field<double>&, double*);
+                         Field<double>&, double*, OnSample);
 template void warp_level(const MatchingLevel<3, double>&, const Displacement<3, double>&, Field<double>&,
-                         Field<double>&, double*);
+                         Field<double>&, double*, OnSample);
 template class MatchingObjective<2, float>;
 template class MatchingObjective<3, float>;
 template class MatchingObjective<2, double>;

@@ -44,7 +44,7 @@ struct MatchingLevel {
 /// the image's `slopes` where they are not null (see warp).
 template <int Dim, class T>
 void warp_level(const MatchingLevel<Dim, T>& level, const Displacement<Dim, T>& displacement, Field<T>& warped,
-                Field<T>& weights, T* slopes = nullptr);
+                Field<T>& weights, T* slopes = nullptr, OnSample sides = OnSample::Upper);
 
 /// E(m) = weight * E_S(I0 o psi_1, I1) + sum over scales and orders of 1/2 ||v_i(0)||^2 + divergence penalty, with its
 /// exact discrete gradient. What of m there is, and where it lies in x, is said by working_set.h.
@@ -61,6 +61,9 @@ class MatchingObjective final : public Objective<T> {
 
   std::size_t size() const override { return set_.size(); }
   Evaluation evaluate(const std::vector<T>& x, std::vector<T>& gradient, std::vector<T>& preconditioned) override;
+  /// At rest all points of images on one grid lie on samples, where they have kinks.
+  Evaluation evaluate_between_sides(const std::vector<T>& x, std::vector<T>& gradient,
+                                    std::vector<T>& preconditioned) override;
   /// Of the level's noise: each sample of the warped image has sd more or less, where it counts by the same weights.
   /// The same one at every call.
   bool noise_gradient(const std::vector<T>& x, std::vector<T>& gradient, std::vector<T>& preconditioned) override;
@@ -109,13 +112,15 @@ class MatchingObjective final : public Objective<T> {
   void on_work(std::function<void(double)> callback);
 
  private:
+  Evaluation evaluate_with(OnSample sides, const std::vector<T>& x, std::vector<T>& gradient,
+                           std::vector<T>& preconditioned);
   Displacement<Dim, T> on_level(const Field<T>& field);
   void noise_pull(double noise, const std::vector<T>& x, std::vector<T>& gradient, std::vector<T>& preconditioned);
   void scale_duals(Field<T>& image_dual, Field<T>& weight_dual) const;
   T* slopes();
   void pull_back(const Field<T>& image_dual, const Field<T>& weight_dual, const Displacement<Dim, T>& displacement,
                  const std::vector<MomentumPointers<T>>& momenta, const std::vector<MomentumTargets<T>>& gradients,
-                 const std::vector<MomentumTargets<T>>& scaled);
+                 const std::vector<MomentumTargets<T>>& scaled, OnSample sides = OnSample::Upper);
 
   std::vector<MomentumScale<Dim, T>*> scales_;
   WorkingSet<Dim, T> set_;

@@ -123,8 +123,11 @@ void WorkingSet<Dim, T>::weigh(const SparsityRound& round, const std::vector<T>&
     }
     free_vector(oriented.strengths);
     if (oriented.momenta) {
+      free_vector(factors_[oriented.range]);
+      std::size_t count = 0;
+      for (std::size_t n = fields; n < factors.size(); ++n) count += factors[n].size();
       std::vector<float> together;
-      together.reserve((factors.size() - fields) * sites);
+      together.reserve(count);
       for (std::size_t n = fields; n < factors.size(); ++n) {
         together.insert(together.end(), factors[n].begin(), factors[n].end());
         free_vector(factors[n]);  // nine of them are as large as an image's field three times

@@ -205,8 +205,8 @@ void expect_mean_slopes_on_samples(int width) {
   const std::vector<double> some = random_values(sites, 2);
   const std::vector<T> dual(some.begin(), some.end());
   std::vector<T> out(sites), slopes(Dim * sites), u_dual(Dim * sites), above(sites), below(sites);
-  warp<Dim, T>(image, lattice, u.data(), out.data(), slopes.data());
-  warp_adjoint<Dim, T>({{&image, dual.data()}}, lattice, u.data(), u_dual.data());
+  warp<Dim, T>(image, lattice, u.data(), out.data(), slopes.data(), OnSample::Mean);
+  warp_adjoint<Dim, T>({{&image, dual.data()}}, lattice, u.data(), u_dual.data(), OnSample::Mean);
   const T step = T(1) / 64;  // piecewise linear along an axis: no error but rounding
   const T close = 200 * std::numeric_limits<T>::epsilon();
   int kinks = 0;

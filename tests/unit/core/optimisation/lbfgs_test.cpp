@@ -121,6 +121,46 @@ TEST(Minimise, FollowsTheValleyOfRosenbrock) {
   EXPECT_LT(witness.steps.size(), 100u);
 }
 
+/// 5 |x| + (y - 1)^2, whose slope at x = 0 is that of the upper side, or the mean of both.
+class Kink : public Function<double> {
+ public:
+  explicit Kink(bool has_mean) : Function<double>(2, upper), has_mean_(has_mean) {}
+  Evaluation evaluate_between_sides(const std::vector<double>& x, std::vector<double>& gradient,
+                                    std::vector<double>& preconditioned) override {
+    ++asked;
+    const Evaluation found = evaluate(x, gradient, preconditioned);
+    if (has_mean_ && x[0] == 0) gradient[0] = preconditioned[0] = 0;
+    return found;
+  }
+  int asked = 0;
+
+ private:
+  static double upper(const std::vector<double>& x, std::vector<double>& gradient) {
+    gradient = {x[0] >= 0 ? 5.0 : -5.0, 2 * (x[1] - 1)};
+    return 5 * std::abs(x[0]) + (x[1] - 1) * (x[1] - 1);
+  }
+  bool has_mean_;
+};
+
+TEST(Minimise, LeavesAKinkBetweenItsSides) {
+  for (const bool has_mean : {false, true}) {
+    Kink kink(has_mean);
+    std::vector<double> x = {0, 0};
+    Witness witness;
+    const MinimiseSummary summary = minimise<double>(kink, to_the_end(), x, std::ref(witness));
+    EXPECT_GE(kink.asked, 1);
+    EXPECT_EQ(x[0], 0);
+    if (has_mean) {
+      EXPECT_NEAR(x[1], 1, 1e-6);
+      EXPECT_GT(summary.iterations, 0);
+      continue;
+    }
+    EXPECT_EQ(summary.termination, MinimiseTermination::LineSearchFailed);
+    EXPECT_EQ(summary.iterations, 0);
+    EXPECT_EQ(x[1], 0);
+  }
+}
+
 // -x - 0.1 log(1 - x) ends at x = 0.9; from 1 on it is not a number, and the first step lands far beyond.
 TEST(Minimise, ShortensStepsThatLeaveWhereTheEnergyExists) {
   for (double nothing :

@@ -300,7 +300,7 @@ TEST(MatchingObjective, HasTheMeanSlopeOfBothSidesAtRest) {
         make_similarity<2, double>(SimilarityType::Ssd, level.lattice, options.similarity_parameters, 1.0), 0.0);
     const std::vector<double> rest(objective.size(), 0.0), w = testing::random_values(rest.size(), 5);
     std::vector<double> gradient(rest.size()), preconditioned(rest.size());
-    const double here = objective.evaluate(rest, gradient, preconditioned).value;
+    const double here = objective.evaluate_between_sides(rest, gradient, preconditioned).value;
     const double along = testing::dot(gradient, w);
     const auto energy = [&](double step) {
       std::vector<double> unused(rest.size()), scaled(rest.size());
