@@ -145,8 +145,11 @@ def check(machine):
       echo 'meier@hospital.example = submitter' >> /etc/saltus/roles
       sed -i 's/^#listen = 0.0.0.0:50051/listen = 127.0.0.1:0/; s/^#tls/tls/; s/^#roles/roles/' /etc/saltus/saltusd.conf
       systemctl restart saltusd""")
-    log = machine.call("journalctl", "--unit", "saltusd", "--output", "cat")
-    address = [line for line in log.splitlines() if line.endswith("with mutual TLS")][-1].split()[2]
+    listening = []  # the journal may be behind the restart
+    while not listening:
+        log = machine.call("journalctl", "--unit", "saltusd", "--output", "cat")
+        listening = [line for line in log.splitlines() if line.endswith("with mutual TLS")]
+    address = listening[-1].split()[2]
     machine.call("saltus", "list", "--server", address, "--tls-ca", "/root/c/authority.crt", "--tls-cert",
                  "/root/c/clients/meier@hospital.example.crt", "--tls-key", "/root/c/clients/meier@hospital.example.key")
 
