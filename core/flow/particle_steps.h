@@ -2,7 +2,7 @@
 
 #include "core/flow/scatter.h"
 #include "core/grid/block_mask.h"
-#include "core/grid/cell_lanes.h"
+#include "core/grid/field_lanes.h"
 #include "core/support/thread_count.h"
 
 #include <algorithm>

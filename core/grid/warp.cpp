@@ -1,7 +1,7 @@
 #include "core/grid/warp.h"
 
 #include "core/grid/block_mask.h"
-#include "core/grid/cell_lanes.h"
+#include "core/grid/field_lanes.h"
 
 #include <algorithm>
 
@@ -134,7 +134,7 @@ void warp(const FramedImage<Dim, T>& image, const Lattice<Dim>& points, const Di
       if (slopes) {
         LanePoints<Dim, T> gradient;
         values = cells.value(image.samples.data(), &gradient);
-        if (sides == OnSample::Mean) cells.centre_gradient(image.samples.data(), values, count, gradient);
+        if (sides == OnSample::Mean) cells.centre_gradient(image.samples.data(), values, gradient);
         put_lanes<Dim, T>(map.turned_back(gradient), count, slopes + Dim * site);
       } else {
         values = cells.value(image.samples.data());
@@ -185,7 +185,7 @@ void warp_adjoint(const std::vector<WarpedDual<Dim, T>>& warped, const Lattice<D
         cells.find(map(index, mm));
         LanePoints<Dim, T> gradient;
         const Lanes<Dim, T> found = cells.value(samples, &gradient);
-        if (sides == OnSample::Mean) cells.centre_gradient(samples, found, count, gradient);
+        if (sides == OnSample::Mean) cells.centre_gradient(samples, found, gradient);
         LanePoints<Dim, T> values = map.turned_back(gradient);
         scale_by<Dim, T>(given, values);
         T* to = plane_dual + Dim * (site - first);

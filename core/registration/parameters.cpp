@@ -467,9 +467,8 @@ const std::vector<Parameter>& parameters() {
       real_or_zero(
           "lost_noise", "intensity range", 1e-4, 1,
           "standard deviation of what linear interpolation half way between samples may take from the noise, which "
-          "smoothing_voxels -1 follows on all levels; 0, as lncc and ngf have it with accurate: 0.0075, but for auto "
-          "in "
-          "3-D 0.003 where accurate takes voxels of up to 1.5 mm",
+          "smoothing_voxels -1 follows on all levels; 0, as lncc and ngf have it with accurate: 0.0075, but for "
+          "auto in 3-D 0.003 where accurate takes voxels of up to 1.5 mm",
           [](O & o) -> auto& { return o.similarity_parameters.lost_noise; }),
       real(
           "ncc_floor", "intensity range", 0, Lower::Exclusive, 1, "standard deviation below which an image is flat",

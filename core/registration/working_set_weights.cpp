@@ -130,7 +130,7 @@ void WorkingSet<Dim, T>::weigh(const SparsityRound& round, const std::vector<T>&
       together.reserve(count);
       for (std::size_t n = fields; n < factors.size(); ++n) {
         together.insert(together.end(), factors[n].begin(), factors[n].end());
-        free_vector(factors[n]);  // nine of them are as large as an image's field three times
+        free_vector(factors[n]);  // nine of them have as many values as three vector fields
       }
       factors_[oriented.range] = std::move(together);
     }

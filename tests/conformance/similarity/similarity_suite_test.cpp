@@ -2,8 +2,8 @@
 // `traits` says of it.
 #include <gtest/gtest.h>
 #include <omp.h>
-#include <algorithm>
 
+#include <algorithm>
 #include <cmath>
 #include <limits>
 #include <stdexcept>

@@ -1,5 +1,6 @@
 // What CellLanes does with fields of vectors. Oracle: LinearCell, one point at a time.
 #include "core/grid/cell_lanes.h"
+#include "core/grid/field_lanes.h"
 
 #include "tests/unit/core/grid/points_around.h"
 

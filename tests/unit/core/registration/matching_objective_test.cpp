@@ -32,16 +32,22 @@ MatchingLevel<2, double> waves() {
   return level;
 }
 
+/// Order 0 alone, on the level's lattice unless it is coarsened.
+RegistrationOptions one_scale(double width_voxels) {
+  RegistrationOptions options = default_options(Model::Gaussian, SimilarityType::Ssd, Preset::Balanced);
+  options.momenta.regularisation = 3e-6;
+  options.momenta.width_voxels = width_voxels;
+  options.momenta.scales = 1;
+  options.momenta.finest_scale = 0;
+  return options;
+}
+
 // A constant in time counts once, whatever the number of steps: the trapezoidal rule halves both ends.
 TEST(MatchingObjective, TakesTheDivergencePenaltyOverTimeByTheTrapezoidalRule) {
   omp_set_num_threads(1);
   MatchingLevel<2, double> level = waves();
   level.evolution = Evolution::Exact;
-  RegistrationOptions options = default_options(Model::Gaussian, SimilarityType::Ssd, Preset::Balanced);
-  options.momenta.regularisation = 3e-6;
-  options.momenta.width_voxels = 4;
-  options.momenta.scales = 1;
-  options.momenta.finest_scale = 0;
+  const RegistrationOptions options = one_scale(4);
   auto placed = make_scales<2, double>(level.lattice, options, {});
   const std::vector<double> x = testing::random_values(placed[0].scale->field_size(), 5, 0.5);
   for (int steps : {1, 2, 4}) {
@@ -226,11 +232,7 @@ TEST(MatchingObjective, SmoothsOrderZeroUnderEachKernel) {
 TEST(MatchingObjective, WarpsWithTheMapOfACoarserFlow) {
   omp_set_num_threads(1);
   const MatchingLevel<2, double> level = waves();
-  RegistrationOptions options = default_options(Model::Gaussian, SimilarityType::Ssd, Preset::Balanced);
-  options.momenta.regularisation = 3e-6;
-  options.momenta.width_voxels = 6;
-  options.momenta.scales = 1;
-  options.momenta.finest_scale = 0;
+  RegistrationOptions options = one_scale(6);
   options.flow.coarsening = 1;
   auto placed = make_scales<2, double>(level.lattice, options, {});
   const Lattice<2> flow = level_lattice(level.lattice, 1);
@@ -289,11 +291,7 @@ TEST(MatchingObjective, HasTheMeanSlopeOfBothSidesAtRest) {
       level.moving_weights = level.moving;
       for (double& weight : level.moving_weights.samples) weight = 0.6 + 0.3 * weight * weight;
     }
-    RegistrationOptions options = default_options(Model::Gaussian, SimilarityType::Ssd, Preset::Balanced);
-    options.momenta.regularisation = 3e-6;
-    options.momenta.width_voxels = 4;
-    options.momenta.scales = 1;
-    options.momenta.finest_scale = 0;
+    const RegistrationOptions options = one_scale(4);
     auto placed = make_scales<2, double>(level.lattice, options, {});
     MatchingObjective<2, double> objective(
         {placed[0].scale.get()}, level,

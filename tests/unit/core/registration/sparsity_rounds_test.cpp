@@ -12,6 +12,7 @@
 #include "core/registration/register_images.h"
 #include "core/registration/scales.h"
 #include "core/registration/working_set.h"
+#include "core/support/errors.h"
 #include "tests/support/phantom_pair.h"
 
 namespace saltus {
@@ -253,6 +254,42 @@ TEST(SparsityWeights, FollowTheShearWhereTheVelocityIsToShowWhereElementsAre) {
   set.turn(interface);
   set.weigh({Weights::Even, 1}, std::vector<double>(set.size(), 0.0));
   for (const std::vector<float>& list : set.weights()) EXPECT_TRUE(list.empty());
+}
+
+// From the elements of the round before, each normal by itself; and those that are the same for all.
+TEST(SparsityWeights, OfElementsAreThoseOfTheirNormals) {
+  Scales scene(1, 8);
+  const Lattice<2>& lattice = scene.scales[0]->lattice();
+  const auto sites = static_cast<std::uint32_t>(lattice.sites());
+  WorkingSet<2, double> set(scene.scales, 1e-3, 0.5);
+  Field<double> velocity(2 * lattice.sites());
+  for (std::size_t site = 0; site < lattice.sites(); ++site)
+    velocity[2 * site + 1] = std::tanh((static_cast<double>(site % 24) - 11.5) / 2.0);
+  set.turn(InterfaceNormals<2, double>(lattice, velocity));
+  const std::vector<std::vector<std::uint32_t>> active = {{100, 3 * sites + 100, 3 * sites + 101, 7 * sites}};
+  set.set_active_elements(active);
+  std::vector<double> x(set.size(), 0.0);
+  x[set.sparsity()[2].begin] = 0.7;  // the first of them alone
+  set.weigh({Weights::Reweighted, 1}, x);
+  const std::vector<float>& all = set.weights()[2];
+  ASSERT_EQ(all.size(), 8 * lattice.sites());
+  const std::vector<float> own = set.sparsity()[2].factors;
+  ASSERT_EQ(own.size(), active[0].size());
+  for (std::size_t e = 0; e < own.size(); ++e) EXPECT_EQ(own[e], all[active[0][e]]) << e;
+  EXPECT_LT(own[0], 0.2f);
+  EXPECT_GT(own[1], 6.0f) << "the same site, another normal";
+
+  WorkingSet<2, double> restored(scene.scales, 1e-3, 0.5);
+  restored.restore_weights({Weights::Reweighted, 1}, set.weights());
+  restored.set_active_elements(active);
+  EXPECT_EQ(restored.sparsity()[2].factors, own);
+  std::vector<std::vector<float>> short_of_one = set.weights();
+  short_of_one[2].pop_back();
+  EXPECT_THROW(restored.restore_weights({Weights::Reweighted, 1}, short_of_one), InvalidInput);
+
+  set.weigh({Weights::Even, 1.5}, x);
+  EXPECT_EQ(set.weights()[2], std::vector<float>(lattice.sites(), 1.5f));
+  EXPECT_EQ(set.sparsity()[2].factors, std::vector<float>(active[0].size(), 1.5f));
 }
 
 // Nothing moves, so nothing shows where elements might be, and there are none.
