@@ -20,6 +20,9 @@ constexpr int kFirstLookGap = 5, kLargestLookGap = 40;
 constexpr double kLeastJoined = 0.05;
 /// Iterations that have to bring something for a run to go on, and that what joins has to show what it is worth.
 constexpr int kTrial = 5;
+/// Steps that are tried from a kink. Near by the energy is straight on either side: what a shorter one finds beyond
+/// these is how values are rounded.
+constexpr int kStepsFromKink = 3;
 
 /// direction = start + step direction
 template <class T>
@@ -112,7 +115,7 @@ class Minimisation {
   bool tell();
   void measure_optimality();
   bool step();
-  bool try_along(const std::deque<CurvaturePair<T>>& pairs);
+  bool try_along(const std::deque<CurvaturePair<T>>& pairs, int most_steps);
   bool leave_kink();
   void find_direction(const std::deque<CurvaturePair<T>>& pairs);
   void move_on();
@@ -257,10 +260,10 @@ auto Minimisation<T>::end_unless_more_joins(MinimiseTermination why) -> Next {
 template <class T>
 bool Minimisation<T>::step() {
   has_forgotten_ = is_used_ = false;
-  if (try_along(state_.pairs)) return true;
+  if (try_along(state_.pairs, options_.max_line_search)) return true;
   if (!state_.pairs.empty()) {
     has_forgotten_ = true;
-    if (try_along({})) return true;
+    if (try_along({}, options_.max_line_search)) return true;
   }
   return leave_kink();
 }
@@ -276,16 +279,16 @@ bool Minimisation<T>::leave_kink() {
   has_forgotten_ = true;
   find_pseudo();
   is_used_ = false;
-  return try_along({});
+  return try_along({}, std::min(kStepsFromKink, options_.max_line_search));
 }
 
 template <class T>
-bool Minimisation<T>::try_along(const std::deque<CurvaturePair<T>>& pairs) {
+bool Minimisation<T>::try_along(const std::deque<CurvaturePair<T>>& pairs, int most_steps) {
   find_direction(pairs);
   if (!(dot(pseudo(), candidate_) < 0)) return false;
   const double energy = state_.energies.back();
   step_ = pairs.empty() ? objective_.first_step(candidate_) : 1.0;
-  for (int trial = 0; trial < options_.max_line_search; ++trial) {
+  for (int trial = 0; trial < most_steps; ++trial) {
     if (trial > 0) find_direction(pairs);
     walk(state_.x, step_, candidate_);
     project(ranges(), state_.x, pseudo(), candidate_);

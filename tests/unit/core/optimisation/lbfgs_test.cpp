@@ -161,6 +161,32 @@ TEST(Minimise, LeavesAKinkBetweenItsSides) {
   }
 }
 
+// 5 |x| + 5 |y| - 2 y is least at its kink, though the mean of both sides has a slope there.
+TEST(Minimise, StaysAtTheBottomOfAKinkWithoutLookingForLong) {
+  class Bottom : public Function<double> {
+   public:
+    Bottom()
+        : Function<double>(2, [](const std::vector<double>& x, std::vector<double>& gradient) {
+            gradient = {x[0] >= 0 ? 5.0 : -5.0, x[1] >= 0 ? 3.0 : -7.0};
+            return 5 * std::abs(x[0]) + 5 * std::abs(x[1]) - 2 * x[1];
+          }) {}
+    Evaluation evaluate_between_sides(const std::vector<double>& x, std::vector<double>& gradient,
+                                      std::vector<double>& preconditioned) override {
+      const Evaluation found = evaluate(x, gradient, preconditioned);
+      gradient = preconditioned = {0, -2};
+      return found;
+    }
+  } bottom;
+  std::vector<double> x = {0, 0};
+  const MinimiseOptions options = to_the_end();
+  const MinimiseSummary summary = minimise<double>(bottom, options, x, go_on);
+  EXPECT_EQ(x, (std::vector<double>{0, 0}));
+  EXPECT_EQ(summary.termination, MinimiseTermination::LineSearchFailed);
+  // The start, steps along the upper side's slope, the mean, and a few along that.
+  EXPECT_GT(summary.evaluations, 1 + options.max_line_search + 1);
+  EXPECT_LE(summary.evaluations, 1 + options.max_line_search + 1 + 3);
+}
+
 // -x - 0.1 log(1 - x) ends at x = 0.9; from 1 on it is not a number, and the first step lands far beyond.
 TEST(Minimise, ShortensStepsThatLeaveWhereTheEnergyExists) {
   for (double nothing :
