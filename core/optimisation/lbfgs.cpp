@@ -20,8 +20,10 @@ constexpr int kFirstLookGap = 5, kLargestLookGap = 40;
 constexpr double kLeastJoined = 0.05;
 /// Iterations that have to bring something for a run to go on, and that what joins has to show what it is worth.
 constexpr int kTrial = 5;
-/// Steps that are tried from a kink. Near by the energy is straight on either side: what a shorter one finds beyond
-/// these is how values are rounded.
+/// Steps that are tried from a kink, whatever their energies. Of images the first changes the velocity's displacement
+/// by half a voxel (Objective::first_step), kinks are a voxel apart, and a step that is too long becomes a tenth to six
+/// tenths of it. So near by the energy is straight on either side, and what still shorter ones find is how values are
+/// rounded.
 constexpr int kStepsFromKink = 3;
 
 /// direction = start + step direction

@@ -16,7 +16,7 @@ namespace {
 
 constexpr char kMagic[8] = {'S', 'A', 'L', 'T', 'U', 'S', 'C', 'P'};
 /// To be raised with every change of what is stored or of what is computed from it.
-constexpr std::uint32_t kVersion = 41;
+constexpr std::uint32_t kVersion = 42;
 
 struct Header {
   char magic[8];
@@ -140,6 +140,7 @@ void transfer_level(Stream& stream, Level& level) {
   stream(level.has_finer);
   stream(level.was_plain);
   stream(level.quick_share);
+  stream(level.quick_after);
   stream(level.gave_up_sharp);
   stream(level.shear_before);
   stream(level.narrow_share);

@@ -60,7 +60,7 @@ RegistrationOptions default_options(Model model, SimilarityType similarity, Pres
       break;
     case Model::Auto:
       o.momenta.first_order_shear = o.momenta.plain_shear = o.momenta.settled_plain_shear = -1;
-      o.momenta.quick_share = -1;
+      o.momenta.quick_share = o.momenta.quick_tolerance = -1;
       o.momenta.most_active_share = 0;
       [[fallthrough]];
     case Model::Sliding:

@@ -101,20 +101,25 @@ struct RegistrationOptions {
     int reweighted_rounds = 0;      ///< times that a level is solved again with weights made from the momenta found
     bool debias = false;            ///< a last round without sparsity on the momenta found
     std::vector<double> direction;  ///< of the derivative of model directional: a unit vector, world (LPS)
-    /// On each level order 1 takes part only if the displacement of order 0, settled alone to `tolerance` or to
-    /// look_tolerance, is simple shear to so much, as it is or less what most of the image does (simple_shear.h); 0:
-    /// always; -1: what was measured (core/measurements.md, "Only where it slides").
+    /// On each level order 1 takes part only if the displacement of order 0, settled alone to `tolerance`, to
+    /// look_tolerance or, where it is quick, to quick_tolerance, is simple shear to so much, as it is or less what most
+    /// of the image does (simple_shear.h); 0: always; -1: what was measured (core/measurements.md, "Only where it
+    /// slides").
     double first_order_shear = 0;
     /// With so much of it early on a level order 0 need not settle first; 0: it always does; -1: what was measured
     /// (core/measurements.md, "Only where it slides").
     double plain_shear = 0;
-    /// With so much of it a slip is plain as well where order 0 has settled, for regularisation_beside_plain; 0: none
-    /// is; -1: what was measured (core/measurements.md, "Only where it slides").
+    /// With so much of it a slip is plain as well where order 0 has settled or was quick, for
+    /// regularisation_beside_plain; 0: none is; -1: what was measured (core/measurements.md, "Only where it slides").
     double settled_plain_shear = 0;
     /// Where ten iterations had at least this share of what brought order 0, alone, to `tolerance`, it gives up what is
     /// sharp when first orders that waited are let in: each scale's momentum becomes its mean under the scale's kernel.
     /// 0: never; -1: what was measured (core/measurements.md, "Where order 0 begins beside first orders").
     double quick_share = 0;
+    /// The same where after at most ten iterations the last five have no more than this share of what all have brought:
+    /// whether something slides is asked then, without waiting for order 0 to settle. 0: it is not; -1: what was
+    /// measured (core/measurements.md, "Quick before it has settled").
+    double quick_tolerance = 0;
     /// Where first orders that do not wait were left out on the finest level and order 0 ends at a coarser scale, it
     /// gets the finer ones as well, settles again and lets first orders in with so much simple shear; 0: it does not;
     /// -1: what was measured (core/measurements.md, "Only where it slides").

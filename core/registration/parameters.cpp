@@ -377,6 +377,13 @@ const std::vector<Parameter>& parameters() {
           "measured with their tolerance, where oriented momenta are alone",
           [](O & o) -> auto& { return o.momenta.quick_share; }),
       real(
+          "quick_tolerance", "", -1, Lower::Inclusive, 1,
+          "the same where after at most ten iterations of order 0, alone, the last five have no more than so large a "
+          "share of what all have brought: whether something slides (first_order_shear) is then asked at once, without "
+          "waiting for order 0 to settle; 0: it is not, -1 (and nothing else below 0): by model, dimension and preset, "
+          "as measured, where oriented momenta are alone, but no less than tolerance",
+          [](O & o) -> auto& { return o.momenta.quick_tolerance; }),
+      real(
           "finer_shear", "", -1, Lower::Inclusive, inf,
           "where order 1 is left out on the finest level and order 0 ends at a coarser scale, order 0 gets the finer "
           "ones as well, settles again, and order 1 takes part with so much simple shear; 0: no finer ones, -1 (and "
@@ -597,6 +604,7 @@ std::vector<std::string> problems(const RegistrationOptions& options) {
   for (const auto& [name, asked] :
        {std::pair("plain_shear", plain), std::pair("settled_plain_shear", options.momenta.settled_plain_shear),
         std::pair("finer_shear", options.momenta.finer_shear), std::pair("quick_share", options.momenta.quick_share),
+        std::pair("quick_tolerance", options.momenta.quick_tolerance),
         std::pair("narrower_pull", options.momenta.narrower_pull)})
     if (asked > 0 && shear == 0)
       found.push_back("parameter " + std::string(name) + " is " + format(asked) +
@@ -604,11 +612,16 @@ std::vector<std::string> problems(const RegistrationOptions& options) {
   if (options.momenta.finer_shear > 0 && options.momenta.first_order_waits)
     found.push_back("parameter finer_shear is " + format(options.momenta.finer_shear) +
                     " and first_order_waits is true, with which order 0 has all of its scales; set it to 0");
-  if (options.momenta.quick_share > 0 && !options.momenta.first_order_waits)
-    found.push_back(
-        "parameter quick_share is " + format(options.momenta.quick_share) +
-        " and first_order_waits is false, with which order 0 begins where the level began; let first orders "
-        "wait, or set it to 0");
+  for (const auto& [name, quick] : {std::pair("quick_share", options.momenta.quick_share),
+                                    std::pair("quick_tolerance", options.momenta.quick_tolerance)})
+    if (quick > 0 && !options.momenta.first_order_waits)
+      found.push_back("parameter " + std::string(name) + " is " + format(quick) +
+                      " and first_order_waits is false, with which order 0 begins where the level began; let first "
+                      "orders wait, or set it to 0");
+  if (options.momenta.quick_tolerance > 0 && options.momenta.quick_tolerance < options.optimisation.tolerance)
+    found.push_back("parameter quick_tolerance is " + format(options.momenta.quick_tolerance) + " and tolerance is " +
+                    format(options.optimisation.tolerance) +
+                    ", which order 0 has settled to before it is quick; set it to that or more, or to 0");
   const std::pair<const char*, double> measured[] = {
       {"oblique_share", options.momenta.oblique_share},
       {"narrow_width_shear", options.momenta.narrow_width_shear},
@@ -618,6 +631,7 @@ std::vector<std::string> problems(const RegistrationOptions& options) {
       {"settled_plain_shear", options.momenta.settled_plain_shear},
       {"finer_shear", options.momenta.finer_shear},
       {"quick_share", options.momenta.quick_share},
+      {"quick_tolerance", options.momenta.quick_tolerance},
       {"round_tolerance", options.optimisation.round_tolerance},
       {"first_round_tolerance", options.optimisation.first_round_tolerance}};
   for (const auto& [name, value] : measured)

@@ -12,6 +12,7 @@
 #include "core/support/stopwatch.h"
 
 #include <memory>
+#include <optional>
 
 namespace saltus {
 
@@ -88,6 +89,7 @@ class PyramidRun {
   void minimise_round(std::size_t round);
   MinimiseSummary minimise_as(const MinimiseOptions& how);
   MinimiseSummary minimise_until_slip_shows();
+  std::optional<MinimiseSummary> ask_when_settled(double tolerance, int most_iterations);
   void count_round();
   bool report();
   bool accept(const MinimiseStep& taken);
@@ -118,7 +120,8 @@ class PyramidRun {
   double shear_before_ = -1;  ///< of the next level, see LevelSummary
 
   // Of the level at hand.
-  bool showed_slip_ = false;          ///< order 0 when it had settled to `tolerance`
+  bool showed_slip_ = false;          ///< order 0 when it had settled, see ask_when_settled
+  int asked_at_ = -1;                 ///< iterations of the round by then; -1: it has not been asked
   bool gives_up_sharp_ = false;       ///< order 0, when the next round begins, see momenta.quick_share
   std::vector<Scalar> before_round_;  ///< momenta, where it did, until a step is taken
   std::size_t step_ = 0;

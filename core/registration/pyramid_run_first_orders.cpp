@@ -8,8 +8,9 @@ namespace {
 
 /// Iterations of a level after which a slip may be plain, see momenta.plain_shear.
 constexpr int kEarlyLook = 3;
-/// Iterations in which order 0 brings most of what it brings where it is quick, see momenta.quick_share.
-constexpr std::size_t kQuickIterations = 10;
+/// Iterations in which order 0 brings most of what it brings where it is quick, see momenta.quick_share and
+/// momenta.quick_tolerance.
+constexpr int kQuickIterations = 10;
 
 /// Iterations after which a round has settled to `tolerance` for the first time; -1: it has not.
 int settled_after(const std::vector<double>& energies, double tolerance) {
@@ -40,32 +41,51 @@ bool PyramidRun<Dim>::shows_slip(double least_shear) {
 }
 
 /// The round of order 0 alone that first orders depend on. It is asked whenever the answer may be known: after a few
-/// iterations, where a slip may be so plain that the rest would tell nothing new, when it has settled as other rounds
-/// have to, and when it has gone on to look_tolerance. Until a slip shows the round goes on as if it had not been
-/// asked; one that is taken up again asks no more what it has asked before.
+/// iterations, where a slip may be so plain that the rest would tell nothing new; as soon as it is known to be quick,
+/// since it gives up then what is sharp; when it has settled as other rounds have to; and when it has gone on to
+/// look_tolerance. Until a slip shows the round goes on as if it had not been asked; one that is taken up again asks no
+/// more what it has asked before.
 template <int Dim>
 MinimiseSummary PyramidRun<Dim>::minimise_until_slip_shows() {
+  const RegistrationOptions::Momenta& asked = options_.momenta;
   const MinimiserState<Scalar>& state = reached_.minimiser;
+  asked_at_ = -1;
   MinimiseOptions few = how_;
   few.max_iterations = std::min(how_.max_iterations, kEarlyLook);
-  if (options_.momenta.plain_shear > 0 && state.iterations() <= few.max_iterations) {
+  if (asked.plain_shear > 0 && state.iterations() <= few.max_iterations) {
     const MinimiseSummary found = minimise_as(few);
     if (found.termination != MinimiseTermination::IterationLimit) return found;
-    level_.was_plain = shows_slip(options_.momenta.plain_shear);
+    level_.was_plain = shows_slip(asked.plain_shear);
     if (level_.was_plain) return found;
     level_.simple_shear = 0;  // nothing rests on it
   }
-  MinimiseOptions settled = how_;
-  settled.tolerance = options_.optimisation.tolerance;
-  const int asked_after = settled_after(state.energies, settled.tolerance);
-  if (how_.tolerance < settled.tolerance && (asked_after < 0 || asked_after == state.iterations())) {
-    const MinimiseSummary found = minimise_as(settled);
-    if (found.termination != MinimiseTermination::Settled) return found;
-    showed_slip_ = shows_slip(options_.momenta.first_order_shear);
-    if (showed_slip_) return found;
-    level_.simple_shear = 0;
-  }
+  if (asked.quick_tolerance > 0 && asked.first_order_waits)
+    if (const auto found = ask_when_settled(asked.quick_tolerance, kQuickIterations)) return *found;
+  if (const auto found = ask_when_settled(options_.optimisation.tolerance, how_.max_iterations)) return *found;
   return minimise_as(how_);
+}
+
+/// Goes on until order 0 has settled to `tolerance`, for so many iterations of the round at most, and asks it then. How
+/// the round ended, where it did; nothing where it goes on, as it does where all this is behind it.
+template <int Dim>
+std::optional<MinimiseSummary> PyramidRun<Dim>::ask_when_settled(double tolerance, int most_iterations) {
+  const MinimiserState<Scalar>& state = reached_.minimiser;
+  const int after = settled_after(state.energies, tolerance);
+  const bool is_behind = state.iterations() > most_iterations ||
+                         (after >= 0 && (after < state.iterations() || asked_at_ == state.iterations()));
+  if (is_behind || tolerance <= how_.tolerance) return std::nullopt;
+  MinimiseOptions until = how_;
+  until.tolerance = tolerance;
+  until.max_iterations = std::min(how_.max_iterations, most_iterations);
+  const MinimiseSummary found = minimise_as(until);
+  if (found.termination == MinimiseTermination::IterationLimit && until.max_iterations < how_.max_iterations)
+    return std::nullopt;
+  if (found.termination != MinimiseTermination::Settled) return found;
+  asked_at_ = state.iterations();
+  showed_slip_ = shows_slip(options_.momenta.first_order_shear);
+  if (showed_slip_) return found;
+  level_.simple_shear = 0;
+  return std::nullopt;
 }
 
 /// After the round in which order 0 was alone: whether its displacement shows something that slides. First orders that
@@ -88,18 +108,26 @@ bool PyramidRun<Dim>::first_orders_are_worth_it() {
 
 /// Of order 0, which is alone and has settled, when first orders are let in. What it would find again in a few
 /// iterations it gives up as far as it is sharp: to leave it to first orders little by little takes longer. Where so
-/// few were all that it took, they say nothing.
+/// few were all that it took, they say nothing, unless that is why the round ended.
 template <int Dim>
 void PyramidRun<Dim>::look_how_quick_it_was() {
   const RegistrationOptions::Momenta& asked = options_.momenta;
   if (level_.was_plain || !asked.first_order_waits || !is_at_rest()) return;
   const std::vector<double>& energies = reached_.minimiser.energies;
-  const int after = settled_after(energies, options_.optimisation.tolerance);
-  const std::size_t end = after < 0 ? energies.size() - 1 : static_cast<std::size_t>(after);
-  const double whole = energies.front() - energies[end];
-  if (end <= kQuickIterations || !(whole > 0)) return;
-  level_.quick_share = (energies.front() - energies[kQuickIterations]) / whole;
-  gives_up_sharp_ = level_.gave_up_sharp = asked.quick_share > 0 && level_.quick_share >= asked.quick_share;
+  const auto brought_until = [&](int iteration) {
+    return energies.front() - energies[static_cast<std::size_t>(iteration)];
+  };
+  const int done = reached_.minimiser.iterations();
+  if (asked.quick_tolerance > 0 && done <= kQuickIterations && settled_after(energies, asked.quick_tolerance) == done) {
+    level_.quick_after = done;
+  } else {
+    const int after = settled_after(energies, options_.optimisation.tolerance);
+    const int end = after < 0 ? done : after;
+    if (end <= kQuickIterations || !(brought_until(end) > 0)) return;
+    level_.quick_share = brought_until(kQuickIterations) / brought_until(end);
+  }
+  gives_up_sharp_ = level_.gave_up_sharp =
+      level_.quick_after >= 0 || (asked.quick_share > 0 && level_.quick_share >= asked.quick_share);
 }
 
 /// Where first orders waited and there are none yet: whether any wants to be there, with the least weight that is to
@@ -148,13 +176,14 @@ void PyramidRun<Dim>::begin_beside_first_orders() {
   if (has_objective) make_objective(rounds_[level_.has_finer ? 2 : 1]);
 }
 
-#define SALTUS_FIRST_ORDERS(DIM)                                         \
-  template double PyramidRun<DIM>::shear_reached();                      \
-  template MinimiseSummary PyramidRun<DIM>::minimise_until_slip_shows(); \
-  template bool PyramidRun<DIM>::first_orders_are_worth_it();            \
-  template void PyramidRun<DIM>::look_how_quick_it_was();                \
-  template bool PyramidRun<DIM>::would_join();                           \
-  template double PyramidRun<DIM>::regularisation_beside() const;        \
+#define SALTUS_FIRST_ORDERS(DIM)                                                          \
+  template double PyramidRun<DIM>::shear_reached();                                       \
+  template MinimiseSummary PyramidRun<DIM>::minimise_until_slip_shows();                  \
+  template std::optional<MinimiseSummary> PyramidRun<DIM>::ask_when_settled(double, int); \
+  template bool PyramidRun<DIM>::first_orders_are_worth_it();                             \
+  template void PyramidRun<DIM>::look_how_quick_it_was();                                 \
+  template bool PyramidRun<DIM>::would_join();                                            \
+  template double PyramidRun<DIM>::regularisation_beside() const;                         \
   template void PyramidRun<DIM>::begin_beside_first_orders();
 SALTUS_FIRST_ORDERS(2)
 SALTUS_FIRST_ORDERS(3)

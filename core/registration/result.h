@@ -37,7 +37,7 @@ enum class Termination {
 std::string to_string(Termination termination);
 
 /// Whether first orders are worth it (momenta.first_order_shear), asked on a level when order 0 had settled alone, or
-/// before that where a slip was plain (momenta.plain_shear).
+/// before that where a slip was plain (momenta.plain_shear) or order 0 quick (momenta.quick_tolerance).
 enum class FirstOrderDecision {
   None,  ///< not asked: there are none, they always take part, or they were let in on a coarser level
   LeftOut,
@@ -63,10 +63,12 @@ struct LevelSummary {
   double simple_shear = 0;  ///< of the displacement that it rests on, see simple_shear.h; where there is no decision,
                             ///< that whether a narrower scale is asked for rests on, 0: it was not looked at
   bool has_finer = false;  ///< that order 0 had the scales by then that it leaves to first orders (momenta.finer_shear)
-  bool was_plain = false;  ///< that order 0 had not settled by then, nor needed to
-  double quick_share = -1;     ///< of what brought order 0, alone, to `tolerance`, what its first ten iterations had
-                               ///< (all: 1); -1: not looked at, as where it had not settled
-  bool gave_up_sharp = false;  ///< that order 0 then began smooth beside first orders, see momenta.quick_share
+  bool was_plain = false;  ///< that it was asked early, and the slip so plain that order 0 need not settle
+  double quick_share = -1;  ///< of what brought order 0, alone, to `tolerance`, what its first ten iterations had (all:
+                            ///< 1); -1: not looked at, as where it had not settled, or was quick before
+  int quick_after = -1;     ///< iterations after which first orders were let in since it was quick, see
+                            ///< momenta.quick_tolerance; -1: they were not, or not since it was
+  bool gave_up_sharp = false;  ///< that order 0 then began smooth beside first orders
   double shear_before = -1;    ///< simple shear that the level before ended with; -1: narrow_width_shear did not ask
   double narrow_share = 1;     ///< what narrow widths count in the order-0 scale that begins here while it is alone
   double narrow_pull = -1;     ///< what pulled at a narrower scale of order 0, see momenta.narrower_pull; -1: not asked
@@ -80,8 +82,8 @@ struct LevelSummary {
   double cpu_seconds = 0;
 };
 
-/// Whether what was seen on this level is a plain slip: before order 0 had settled, or in the end
-/// (momenta.settled_plain_shear).
+/// Whether what was seen on this level is a plain slip: early (momenta.plain_shear), or by the time that first
+/// orders were let in (momenta.settled_plain_shear).
 bool is_plain(const RegistrationOptions::Momenta& momenta, const LevelSummary& level);
 /// What order 0 weighs, per mm^2, beside first orders that were let in on this level.
 double regularisation_beside(const RegistrationOptions::Momenta& momenta, const LevelSummary& level);

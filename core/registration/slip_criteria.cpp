@@ -122,14 +122,26 @@ double finer_shear(int dimension, const RegistrationOptions& options) {
   return is_measured && !options.momenta.first_order_waits ? options.momenta.first_order_shear : 0;
 }
 
-/// Where a few iterations bring most of what order 0 brings, as where little but a slip is to be seen, they bring it
-/// again. Thoraxes and livers have up to 0.64 with mi and up to 0.78 with the others (ngf, voxels of 4 mm);
-/// core/measurements.md, "Where order 0 begins beside first orders". Measured beside oriented momenta alone.
-double quick_share(int dimension, const RegistrationOptions& options) {
+/// Order 0 is asked how quick it was beside oriented momenta alone, as measured.
+bool may_be_quick(int dimension, const RegistrationOptions& options) {
   const bool is_measured = options.model == Model::Auto && dimension == 3 && options.preset == Preset::Balanced;
   const bool has_elements_alone = options.momenta.orientations > 0 && options.momenta.oriented_alone == 2;
-  if (!is_measured || !has_elements_alone || !options.momenta.first_order_waits) return 0;
+  return is_measured && has_elements_alone && options.momenta.first_order_waits;
+}
+
+/// Where a few iterations bring most of what order 0 brings, as where little but a slip is to be seen, they bring it
+/// again. Thoraxes and livers have up to 0.64 with mi and up to 0.78 with the others (ngf, voxels of 4 mm);
+/// core/measurements.md, "Where order 0 begins beside first orders".
+double quick_share(int dimension, const RegistrationOptions& options) {
+  if (!may_be_quick(dimension, options)) return 0;
   return options.similarity == SimilarityType::Mi ? 0.7 : 0.79;
+}
+
+/// Where that is so plain that order 0 need not settle first. Of what thoraxes and livers in which first orders are let
+/// in have brought after ten iterations the last five have 0.26 and more, and slips around bodies from 0.1 on
+/// (core/measurements.md, "Quick before it has settled").
+double quick_tolerance(int dimension, const RegistrationOptions& options) {
+  return may_be_quick(dimension, options) ? std::max(0.22, options.optimisation.tolerance) : 0;
 }
 
 }  // namespace
@@ -145,9 +157,10 @@ void resolve_slip_criteria(int dimension, RegistrationOptions& o) {
   if (momenta.settled_plain_shear < 0) momenta.settled_plain_shear = settled_plain_shear(dimension, o);
   if (momenta.finer_shear < 0) momenta.finer_shear = finer_shear(dimension, o);
   if (momenta.quick_share < 0) momenta.quick_share = quick_share(dimension, o);
+  if (momenta.quick_tolerance < 0) momenta.quick_tolerance = quick_tolerance(dimension, o);
   if (momenta.first_order_shear == 0)  // order 0 is not asked
     momenta.plain_shear = momenta.settled_plain_shear = momenta.finer_shear = momenta.narrower_pull =
-        momenta.quick_share = 0;
+        momenta.quick_share = momenta.quick_tolerance = 0;
 }
 
 }  // namespace saltus

@@ -78,7 +78,9 @@ std::string measured_from(const std::string& name, const ReportInput<Dim>& input
   }
   if (name == "quick_share")
     return "from the model, the similarity, the preset and the dimension, where oriented momenta are alone and wait "
-           "for "
+           "for order 0, for which it was measured";
+  if (name == "quick_tolerance")
+    return "from the model, the preset, the dimension and tolerance, where oriented momenta are alone and wait for "
            "order 0, for which it was measured";
   if (name == "plain_shear")
     return "by first_order_shear, where order 0 need not settle first: from the similarity, the dimension, the preset "
@@ -135,10 +137,14 @@ std::string beside(const RegistrationOptions::Momenta& momenta, const LevelSumma
 
 /// What order 0 began with from then on, where it was asked how quick it had been.
 std::string start_beside(const RegistrationOptions::Momenta& momenta, const LevelSummary& level) {
+  const std::string then =
+      level.gave_up_sharp ? "it gave up what was sharp, which it finds again as fast" : "it kept what it had found";
+  if (level.quick_after >= 0)
+    return "; the last five iterations had at most " + percentage(momenta.quick_tolerance) +
+           " of what order 0 had brought: " + then;
   if (momenta.quick_share == 0 || level.quick_share < 0) return "";
   return "; ten iterations had " + percentage(level.quick_share) +
-         " of what order 0 brought until it settled (asked: " + percentage(momenta.quick_share) + "): it " +
-         (level.gave_up_sharp ? "gave up what was sharp, which it finds again as fast" : "kept what it had found");
+         " of what order 0 brought until it settled (asked: " + percentage(momenta.quick_share) + "): " + then;
 }
 
 }  // namespace
@@ -228,17 +234,18 @@ std::vector<Choice> choices(const ReportInput<Dim>& input) {
                          : level.has_finer ? asked.finer_shear
                                            : asked.first_order_shear;
     const bool shows = level.simple_shear >= least;
-    found.push_back({"level " + std::to_string(level.level) + ": first-order momenta", is_in ? "let in" : "left out",
-                     "",
-                     std::string(level.was_plain   ? "before order 0 had settled"
-                                 : level.has_finer ? "with order 0 settled on finer scales of its own"
-                                                   : "with order 0 settled") +
-                         " the simple shear of its displacement, as it is or less what most of the image does, was " +
-                         number(level.simple_shear) + " (asked: " + number(least) + "): " +
-                         (is_in   ? "something slides" + beside(asked, level) + start_beside(asked, level)
-                          : shows ? "something slides, but none of them wanted to join"
-                                  : "nothing slides so much that they are worth their time"),
-                     false});
+    found.push_back(
+        {"level " + std::to_string(level.level) + ": first-order momenta", is_in ? "let in" : "left out", "",
+         (level.was_plain          ? "before order 0 had settled"
+          : level.quick_after >= 0 ? "with order 0 quick, after " + std::to_string(level.quick_after) + " iterations,"
+          : level.has_finer        ? "with order 0 settled on finer scales of its own"
+                                   : std::string("with order 0 settled")) +
+             " the simple shear of its displacement, as it is or less what most of the image does, was " +
+             number(level.simple_shear) + " (asked: " + number(least) + "): " +
+             (is_in   ? "something slides" + beside(asked, level) + start_beside(asked, level)
+              : shows ? "something slides, but none of them wanted to join"
+                      : "nothing slides so much that they are worth their time"),
+         false});
   }
   for (const LevelSummary& level : summary.levels) {
     const std::string name = "level " + std::to_string(level.level) + ": a narrower scale of order 0, alone";

@@ -103,12 +103,12 @@ Json describe(const LevelSummary& level, const RegistrationOptions::Momenta& mom
                                    {"was_plain", level.was_plain},
                                    {"finer_order_0", level.has_finer}};
     if (is_in) {
-      json["first_order_momenta"]["is_plain"] = is_plain(momenta, level);
-      json["first_order_momenta"]["regularisation_beside"] = regularisation_beside(momenta, level);
-      if (level.quick_share >= 0) {
-        json["first_order_momenta"]["quick_share"] = level.quick_share;
-        json["first_order_momenta"]["order_0_gave_up_sharp"] = level.gave_up_sharp;
-      }
+      auto& found = json["first_order_momenta"];
+      found["is_plain"] = is_plain(momenta, level);
+      found["regularisation_beside"] = regularisation_beside(momenta, level);
+      if (level.quick_share >= 0) found["quick_share"] = level.quick_share;
+      if (level.quick_after >= 0) found["quick_after"] = level.quick_after;
+      if (level.quick_share >= 0 || level.quick_after >= 0) found["order_0_gave_up_sharp"] = level.gave_up_sharp;
     }
   }
   if (level.kept_out_share > 0) json["kept_out_block_share"] = level.kept_out_share;

@@ -161,6 +161,23 @@ TEST(Minimise, LeavesAKinkBetweenItsSides) {
   }
 }
 
+// The mean's slope leads far too far at first. Twenty times too far is found back from in three steps (2 t of 40, 4 and
+// then, where the parabola through those is least, 1/2); two hundred times is not.
+TEST(Minimise, TriesThreeStepsFromAKink) {
+  for (const double step : {40.0, 400.0}) {
+    Kink kink(true);
+    kink.step = step;
+    std::vector<double> x = {0, 0};
+    Witness witness;
+    const MinimiseSummary summary = minimise<double>(kink, to_the_end(), x, std::ref(witness));
+    EXPECT_EQ(x[0], 0);
+    EXPECT_NEAR(x[1], step == 40 ? 1 : 0, 1e-6);
+    if (step != 40) {
+      EXPECT_EQ(summary.termination, MinimiseTermination::LineSearchFailed);
+    }
+  }
+}
+
 // 5 |x| + 5 |y| - 2 y is least at its kink, though the mean of both sides has a slope there.
 TEST(Minimise, StaysAtTheBottomOfAKinkWithoutLookingForLong) {
   class Bottom : public Function<double> {

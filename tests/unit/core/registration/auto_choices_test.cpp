@@ -269,17 +269,18 @@ TEST(AutoChoices, RefusesWhatIsBelowNothingButStandsForNoMeasure) {
   options.momenta.settled_plain_shear = -3;
   options.momenta.finer_shear = -0.375;
   options.momenta.quick_share = -0.4375;
+  options.momenta.quick_tolerance = -0.5625;
   options.momenta.narrower_pull = -0.625;
   options.optimisation.round_tolerance = -0.125;
   options.optimisation.first_round_tolerance = -0.25;
-  EXPECT_THAT(
-      problems(options),
-      ::testing::UnorderedElementsAre(
-          ::testing::HasSubstr("oblique_share is -0.5"), ::testing::HasSubstr("narrow_width_shear is -0.25"),
-          ::testing::HasSubstr("divergence_weight is -0.75"), ::testing::HasSubstr("r plain_shear is -2"),
-          ::testing::HasSubstr("settled_plain_shear is -3"), ::testing::HasSubstr("finer_shear is -0.375"),
-          ::testing::HasSubstr("quick_share is -0.4375"), ::testing::HasSubstr("narrower_pull is -0.625"),
-          ::testing::HasSubstr(" round_tolerance is -0.125"), ::testing::HasSubstr("first_round_tolerance is -0.25")));
+  EXPECT_THAT(problems(options),
+              ::testing::UnorderedElementsAre(
+                  ::testing::HasSubstr("oblique_share is -0.5"), ::testing::HasSubstr("narrow_width_shear is -0.25"),
+                  ::testing::HasSubstr("divergence_weight is -0.75"), ::testing::HasSubstr("r plain_shear is -2"),
+                  ::testing::HasSubstr("settled_plain_shear is -3"), ::testing::HasSubstr("finer_shear is -0.375"),
+                  ::testing::HasSubstr("quick_share is -0.4375"), ::testing::HasSubstr("quick_tolerance is -0.5625"),
+                  ::testing::HasSubstr("narrower_pull is -0.625"), ::testing::HasSubstr(" round_tolerance is -0.125"),
+                  ::testing::HasSubstr("first_round_tolerance is -0.25")));
 }
 
 TEST(AutoChoices, HasOrientedMomentaOnlyWhereTheyAreCarried) {

@@ -42,12 +42,13 @@ class Numbers {
   }
   void operator()(LevelSummary& summary) {
     auto& [level, grid, spacing, iterations, evaluations, rounds, optimality, smoothing, weight, before, after, why,
-           share, kept_out, decision, shear, has_finer, was_plain, quick, gave_up, shear_before, narrow_share,
-           narrow_pull, own_pull, has_narrower, elements, map_steps, map_error, oblique, seconds, cpu_seconds] =
-        summary;
+           share, kept_out, decision, shear, has_finer, was_plain, quick, quick_after, gave_up, shear_before,
+           narrow_share, narrow_pull, own_pull, has_narrower, elements, map_steps, map_error, oblique, seconds,
+           cpu_seconds] = summary;
     fill(level, grid, spacing, iterations, evaluations, rounds, optimality, smoothing, weight, before, after, why,
-         share, kept_out, decision, shear, has_finer, was_plain, quick, gave_up, shear_before, narrow_share,
-         narrow_pull, own_pull, has_narrower, elements, map_steps, map_error, oblique, seconds, cpu_seconds);
+         share, kept_out, decision, shear, has_finer, was_plain, quick, quick_after, gave_up, shear_before,
+         narrow_share, narrow_pull, own_pull, has_narrower, elements, map_steps, map_error, oblique, seconds,
+         cpu_seconds);
   }
   void operator()(MinimiserState<float>& state) {
     auto& [x, gradient, preconditioned, pairs, energies, first_optimality, noise, evaluations, looked_at, look_gap,
@@ -79,13 +80,14 @@ void expect_same(const LevelSummary& one, const LevelSummary& other, const char*
   EXPECT_EQ(
       std::tie(one.similarity_weight, one.energy_before, one.energy_after, one.termination, one.active_block_share,
                one.kept_out_share, one.decision, one.simple_shear, one.has_finer, one.was_plain, one.quick_share,
-               one.gave_up_sharp, one.shear_before, one.narrow_share, one.narrow_pull, one.own_pull, one.has_narrower,
-               one.oriented_elements, one.map_steps, one.map_error_mm, one.oblique_share, one.seconds, one.cpu_seconds),
+               one.quick_after, one.gave_up_sharp, one.shear_before, one.narrow_share, one.narrow_pull, one.own_pull,
+               one.has_narrower, one.oriented_elements, one.map_steps, one.map_error_mm, one.oblique_share, one.seconds,
+               one.cpu_seconds),
       std::tie(other.similarity_weight, other.energy_before, other.energy_after, other.termination,
                other.active_block_share, other.kept_out_share, other.decision, other.simple_shear, other.has_finer,
-               other.was_plain, other.quick_share, other.gave_up_sharp, other.shear_before, other.narrow_share,
-               other.narrow_pull, other.own_pull, other.has_narrower, other.oriented_elements, other.map_steps,
-               other.map_error_mm, other.oblique_share, other.seconds, other.cpu_seconds))
+               other.was_plain, other.quick_share, other.quick_after, other.gave_up_sharp, other.shear_before,
+               other.narrow_share, other.narrow_pull, other.own_pull, other.has_narrower, other.oriented_elements,
+               other.map_steps, other.map_error_mm, other.oblique_share, other.seconds, other.cpu_seconds))
       << what;
 }
 

@@ -260,6 +260,35 @@ TEST(Checkpoint, ResumesWhereOrder0GaveUpWhatIsSharpWithTheSameEnd) {
   resumes_anywhere<2>(plane(), options);
 }
 
+// As soon as that is known, or asked in vain by then.
+TEST(Checkpoint, ResumesWhereOrder0IsQuickWithTheSameEnd) {
+  RegistrationOptions options = asking(SimilarityType::Lncc, 1e-9);
+  options.momenta.quick_tolerance = 0.9;
+  options.optimisation.max_iterations = 40;
+  options.optimisation.tolerance = 0.01;
+  options.optimisation.look_tolerance = 0;
+  const LevelSummary quick = asked_of(register_images<2>(plane(), options), SimilarityType::Lncc);
+  ASSERT_GE(quick.quick_after, 6);
+  ASSERT_TRUE(quick.gave_up_sharp);
+  options.momenta.quick_tolerance = 0;
+  const LevelSummary settled = asked_of(register_images<2>(plane(), options), SimilarityType::Lncc);
+  ASSERT_GT(settled.iterations, quick.quick_after);
+  ASSERT_GT(settled.simple_shear, quick.simple_shear) << "a slip that shows more when order 0 has gone on";
+  options.momenta.quick_tolerance = 0.9;
+  options.momenta.quick_share = 1e-9;
+  for (double shear : {1e-9, quick.simple_shear * (1 + 1e-6)}) {
+    SCOPED_TRACE(shear);
+    options.momenta.first_order_shear = shear;
+    ASSERT_TRUE(asked_of(register_images<2>(plane(), options), SimilarityType::Lncc).gave_up_sharp);
+    resumes_anywhere<2>(plane(), options);
+  }
+  // In vain early, when quick, when settled and in the end.
+  options.momenta.plain_shear = options.momenta.first_order_shear = 1e9;
+  options.optimisation.look_tolerance = options.optimisation.tolerance / 2;
+  ASSERT_EQ(asked_of(register_images<2>(plane(), options), SimilarityType::Lncc).decision, FirstOrderDecision::LeftOut);
+  resumes_anywhere<2>(plane(), options);
+}
+
 // Asked early, and the round over (with lncc order 0 goes on in the next one) or, asked in vain, going on: also where
 // there is enough shear later, when nobody asks. What order 0 weighs from then on, on finer levels too, depends on it.
 TEST(Checkpoint, ResumesWhereASlipIsLookedForEarlyWithTheSameEnd) {

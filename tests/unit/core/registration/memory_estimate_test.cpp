@@ -145,7 +145,7 @@ TEST(MemoryEstimate, IsABoundWhereTheFlowIsCoarserBesideFirstOrders) {
   Case one(Model::Auto, SimilarityType::Lncc, Preset::Accurate, 4);
   one.options.momenta.first_order_shear = 0;
   one.options.momenta.plain_shear = one.options.momenta.settled_plain_shear = one.options.momenta.narrower_pull = 0;
-  one.options.momenta.quick_share = one.options.momenta.finer_shear = 0;
+  one.options.momenta.quick_share = one.options.momenta.quick_tolerance = one.options.momenta.finer_shear = 0;
   const Lattice<3> image = lattice_of(one.input.fixed.grid);
   const RegistrationOptions options = resolved(one.options, image);
   ASSERT_EQ(flow_lattice_beside_first(image, options, options.pyramid.finest_level), level_lattice(image, 1));

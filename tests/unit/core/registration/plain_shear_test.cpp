@@ -187,7 +187,7 @@ TEST(PlainShear, LosesNothingInSpaceWithLncc) {
       for (Sums* sums : {&early, &settled}) {
         RegistrationOptions options = default_options(Model::Auto, SimilarityType::Lncc, Preset::Balanced);
         options.similarity_parameters.weight = weight;
-        if (sums == &settled) options.momenta.plain_shear = 0;
+        if (sums == &settled) options.momenta.plain_shear = options.momenta.quick_tolerance = 0;
         const RegistrationResult<3> found = register_images<3>(pair_of(slip), options);
         EXPECT_EQ(asked(found.summary).was_plain, sums == &early);
         EXPECT_DOUBLE_EQ(regularisation_beside(found.options.momenta, asked(found.summary)),
@@ -384,6 +384,7 @@ TEST(QuickShare, SavesWhatOrderZeroWouldGiveUpLittleByLittle) {
                                         std::pair(-1.0, 0.997), std::pair(-1.0, 1.0), std::pair(-1.0, 1.003)}) {
       RegistrationOptions options = default_options(Model::Auto, SimilarityType::Lncc, Preset::Balanced);
       options.momenta.quick_share = share;
+      options.momenta.quick_tolerance = 0;
       options.similarity_parameters.weight = weight;  // single runs differ by more than what is asked
       const RegistrationResult<3> found = register_images<3>(pair_of(body), options);
       const LevelSummary& level = asked(found.summary);
@@ -475,6 +476,134 @@ TEST(QuickShare, IsThatOfTheFirstTenIterations) {
   EXPECT_EQ(asked(early.summary).quick_share, -1);
 }
 
+/// What the last five of so many iterations of the first round had of what all had brought. The level was asked.
+double share_of_five(const RegistrationSummary& summary, int iterations) {
+  const double before = asked(summary).energy_before;
+  std::vector<double> energies{before};
+  for (const IterationRecord& at : summary.history) energies.push_back(at.energy);
+  const double end = energies.at(static_cast<std::size_t>(iterations));
+  return (energies.at(static_cast<std::size_t>(iterations) - 5) - end) / (before - end);
+}
+
+/// One level of a slip in 2-D, which order 0 needs more than ten iterations for.
+struct QuickSlip {
+  explicit QuickSlip(double angle_deg = 30) : input(pair_of(phantom<2>(PhantomKind::Slip, angle_deg))) {
+    options.pyramid.levels = 1;
+    options.optimisation.tolerance = options.optimisation.look_tolerance;
+    options.momenta.first_order_shear = 1e-9;
+  }
+  RegistrationResult<2> found(double quick_tolerance) {
+    options.momenta.quick_tolerance = quick_tolerance;
+    return register_images<2>(input, options);
+  }
+
+  RegistrationInput<2> input;
+  RegistrationOptions options = default_options(Model::Auto, SimilarityType::Lncc, Preset::Balanced);
+};
+
+// The round of order 0 ends where the energies that it tells of say so, and begins smooth beside first orders.
+TEST(QuickTolerance, EndsTheRoundWhereFiveIterationsBringSoLittle) {
+  QuickSlip slip;
+  const RegistrationResult<2> settled = slip.found(0);
+  ASSERT_GT(first_iterations(settled.summary, asked(settled.summary)), 10);
+  ASSERT_EQ(asked(settled.summary).quick_after, -1);
+  for (int after = 6; after < 10; ++after)
+    ASSERT_GT(share_of_five(settled.summary, after), share_of_five(settled.summary, after + 1)) << "of such a scene";
+  for (int after : {6, 8, 10}) {
+    SCOPED_TRACE(after);
+    const double share = share_of_five(settled.summary, after);
+    for (double tolerance : {share * (1 + 1e-9), share * (1 - 1e-9)}) {
+      const RegistrationResult<2> found = slip.found(tolerance);
+      const LevelSummary& level = asked(found.summary);
+      const int expected = tolerance > share ? after : after + 1;
+      if (expected <= 10) {
+        EXPECT_EQ(level.quick_after, expected);
+        EXPECT_EQ(first_iterations(found.summary, level), expected);
+        EXPECT_TRUE(level.gave_up_sharp);
+        EXPECT_EQ(level.quick_share, -1);
+        EXPECT_EQ(level.decision, FirstOrderDecision::LetIn);
+        EXPECT_NE(found.displacement.samples, settled.displacement.samples);
+      } else {
+        EXPECT_EQ(level.quick_after, -1);
+        EXPECT_FALSE(level.gave_up_sharp);
+        EXPECT_EQ(evaluations(found.summary), evaluations(settled.summary));
+        EXPECT_EQ(found.displacement.samples, settled.displacement.samples);
+      }
+    }
+  }
+}
+
+// Asked in vain, order 0 goes on as if it had not been, and is asked how quick it was when a slip shows later.
+TEST(QuickTolerance, ChangesNothingWhereNothingShows) {
+  QuickSlip slip(0);
+  const double early = asked(slip.found(0.9).summary).simple_shear;
+  slip.options.momenta.quick_share = 0.5;
+  const RegistrationResult<2> settled = slip.found(0);
+  const double late = asked(settled.summary).simple_shear;
+  ASSERT_LT(early, late) << "a scene in which a slip shows more when order 0 has gone on";
+  ASSERT_TRUE(asked(settled.summary).gave_up_sharp);
+  slip.options.momenta.first_order_shear = late;
+  for (double share : {0.5, 1.0}) {
+    SCOPED_TRACE(share);
+    slip.options.momenta.quick_share = share;
+    const RegistrationResult<2> twice = slip.found(0.9), once = slip.found(0);
+    const LevelSummary& level = asked(twice.summary);
+    EXPECT_EQ(level.simple_shear, late);
+    EXPECT_EQ(level.gave_up_sharp, share < 1);
+    EXPECT_EQ(level.quick_after, -1);
+    EXPECT_EQ(level.quick_share, asked(once.summary).quick_share);
+    EXPECT_EQ(evaluations(twice.summary), evaluations(once.summary));
+    EXPECT_EQ(twice.displacement.samples, once.displacement.samples);
+  }
+  slip.options.momenta.first_order_shear = 1e9;
+  const RegistrationResult<2> in_vain = slip.found(0.9), alone = slip.found(0);
+  EXPECT_EQ(asked(in_vain.summary).decision, FirstOrderDecision::LeftOut);
+  EXPECT_EQ(asked(in_vain.summary).quick_after, -1);
+  EXPECT_EQ(asked(in_vain.summary).simple_shear, asked(alone.summary).simple_shear);
+  EXPECT_EQ(evaluations(in_vain.summary), evaluations(alone.summary));
+  EXPECT_EQ(in_vain.displacement.samples, alone.displacement.samples);
+}
+
+// At its limit of iterations order 0 is as quick as it has been by then.
+TEST(QuickTolerance, IsNotWaitedForBeyondTheLimitOfIterations) {
+  QuickSlip slip;
+  slip.options.optimisation.max_iterations = 8;
+  const double share = share_of_five(slip.found(0).summary, 8);
+  const RegistrationResult<2> quick = slip.found(share * (1 + 1e-9)), slow = slip.found(share * (1 - 1e-9));
+  EXPECT_EQ(asked(quick.summary).quick_after, 8);
+  EXPECT_TRUE(asked(quick.summary).gave_up_sharp);
+  EXPECT_EQ(asked(slow.summary).quick_after, -1);
+  EXPECT_FALSE(asked(slow.summary).gave_up_sharp);
+  EXPECT_EQ(asked(slow.summary).decision, FirstOrderDecision::LetIn);
+}
+
+// Around a body that slides order 0 need not settle first. Oracle: the truth, and order 0 that settles and then gives
+// up what is sharp, or goes on from it where that is what it does.
+TEST(QuickTolerance, SavesWhatOrderZeroWouldGiveUp) {
+  for (SimilarityType similarity : {SimilarityType::Lncc, SimilarityType::Mind}) {
+    SCOPED_TRACE(to_string(similarity));
+    Sums settled, quick;
+    for (const auto& [radius_mm, slip_mm] : {std::pair(16, 4), std::pair(16, 6), std::pair(20, 4), std::pair(20, 6)}) {
+      const Phantom<3> body = body_that_slides(radius_mm, slip_mm);
+      for (double tolerance : {0.0, -1.0})
+        for (double weight : {0.997, 1.003}) {  // single runs differ by more than what is asked
+          RegistrationOptions options = default_options(Model::Auto, similarity, Preset::Balanced);
+          options.momenta.quick_tolerance = tolerance;
+          options.similarity_parameters.weight = weight;
+          const RegistrationResult<3> found = register_images<3>(pair_of(body), options);
+          const LevelSummary& level = asked(found.summary);
+          ASSERT_EQ(level.decision, FirstOrderDecision::LetIn);
+          EXPECT_TRUE(level.gave_up_sharp);
+          EXPECT_EQ(level.quick_after > 0, tolerance != 0);
+          add<3>(found, body, tolerance == 0 ? settled : quick);
+        }
+    }
+    EXPECT_LT(quick.evaluations, 0.9 * settled.evaluations);
+    EXPECT_LT(quick.error_mm, 1.03 * settled.error_mm);
+    EXPECT_LT(quick.error_near_mm, 1.03 * settled.error_near_mm);
+  }
+}
+
 /// No first order wants to be there: order 0 goes on until it has settled, and all that each look was is an evaluation.
 void expect_a_look_in_vain(RegistrationOptions options) {
   const RegistrationInput<2> input = pair_of(phantom<2>(PhantomKind::Slip));
@@ -496,6 +625,21 @@ void expect_a_look_in_vain(RegistrationOptions options) {
   EXPECT_EQ(asked(twice.summary).decision, FirstOrderDecision::LeftOut);
   EXPECT_EQ(asked(twice.summary).evaluations, asked(once.summary).evaluations + 1);
   EXPECT_EQ(twice.displacement.samples, once.displacement.samples);
+  // One that is quick has settled as well where that is the same, and is asked once.
+  if (!options.momenta.first_order_waits) return;
+  for (double tolerance : {0.3, 0.5}) {
+    options.optimisation.tolerance = tolerance;
+    options.momenta.quick_tolerance = 0;
+    const RegistrationResult<2> settles = register_images<2>(input, options);
+    options.momenta.quick_tolerance = tolerance;
+    const RegistrationResult<2> is_quick = register_images<2>(input, options);
+    EXPECT_EQ(asked(is_quick.summary).evaluations, asked(settles.summary).evaluations);
+    EXPECT_EQ(is_quick.displacement.samples, settles.displacement.samples);
+    options.momenta.quick_tolerance = 0.875;
+    const RegistrationResult<2> both = register_images<2>(input, options);
+    EXPECT_EQ(asked(both.summary).evaluations, asked(settles.summary).evaluations + 1);
+    EXPECT_EQ(both.displacement.samples, settles.displacement.samples);
+  }
 }
 
 TEST(PlainShear, IsNotEnoughWhereNoneWouldJoin) {
@@ -645,6 +789,10 @@ TEST(PlainShear, IsWhatWasMeasured) {
                                                                                 : 0.79);
       EXPECT_EQ(momenta(Model::Auto, similarity, preset, plane).quick_share, 0);
       EXPECT_EQ(momenta(Model::Sliding, similarity, preset, cube).quick_share, 0);
+      EXPECT_EQ(momenta(Model::Auto, similarity, preset, cube).quick_tolerance,
+                preset != Preset::Balanced || similarity == SimilarityType::Ssd ? 0 : 0.22);
+      EXPECT_EQ(momenta(Model::Auto, similarity, preset, plane).quick_tolerance, 0);
+      EXPECT_EQ(momenta(Model::Sliding, similarity, preset, cube).quick_tolerance, 0);
     }
   // It was measured beside elements alone.
   for (const auto& [orientations, alone] : {std::pair(0, 0), std::pair(9, 0), std::pair(9, 1)}) {
@@ -652,7 +800,13 @@ TEST(PlainShear, IsWhatWasMeasured) {
     others.momenta.orientations = orientations;
     others.momenta.oriented_alone = alone;
     EXPECT_EQ(resolved(others, cube).momenta.quick_share, 0) << orientations << ' ' << alone;
+    EXPECT_EQ(resolved(others, cube).momenta.quick_tolerance, 0) << orientations << ' ' << alone;
   }
+  RegistrationOptions soon = default_options(Model::Auto, SimilarityType::Ncc, Preset::Balanced);
+  soon.optimisation.tolerance = 0.3;
+  EXPECT_EQ(resolved(soon, cube).momenta.quick_tolerance, 0.3);
+  soon.momenta.first_order_shear = 0;
+  EXPECT_EQ(resolved(soon, cube).momenta.quick_tolerance, 0);
   // One weight for all slips: as much is asked of all.
   RegistrationOptions stiff = default_options(Model::Auto, SimilarityType::Lncc, Preset::Balanced);
   stiff.momenta.regularisation_beside_first = 12 * stiff.momenta.regularisation;
@@ -670,8 +824,9 @@ TEST(PlainShear, IsWhatWasMeasured) {
   sliding.momenta.first_order_shear = sliding.momenta.settled_plain_shear = -1;
   EXPECT_EQ(resolved(sliding, cube).momenta.first_order_shear, 12);
   EXPECT_EQ(resolved(sliding, cube).momenta.settled_plain_shear, 0);
-  sliding.momenta.quick_share = -1;
+  sliding.momenta.quick_share = sliding.momenta.quick_tolerance = -1;
   EXPECT_EQ(resolved(sliding, cube).momenta.quick_share, 0);
+  EXPECT_EQ(resolved(sliding, cube).momenta.quick_tolerance, 0);
   RegistrationOptions less = default_options(Model::Auto, SimilarityType::Lncc, Preset::Balanced);
   less.momenta.first_order_shear = 2;  // a plain slip stays what it is
   EXPECT_EQ(resolved(less, cube).momenta.plain_shear, 24);
@@ -715,6 +870,17 @@ TEST(PlainShear, IsRefusedWhereItCannotBeMeant) {
   EXPECT_TRUE(problems(options).empty());
   options.momenta.plain_shear = options.momenta.first_order_shear = 0;
   EXPECT_THAT(problems(options), ElementsAre(HasSubstr("quick_share is 0.5 and first_order_shear is 0")));
+  options.momenta.quick_share = 0;
+  options.momenta.quick_tolerance = 0.5;
+  EXPECT_THAT(problems(options), ElementsAre(HasSubstr("quick_tolerance is 0.5 and first_order_shear is 0")));
+  options.momenta.first_order_shear = 12;
+  EXPECT_TRUE(problems(options).empty());
+  options.optimisation.tolerance = 0.625;
+  EXPECT_THAT(problems(options), ElementsAre(HasSubstr("quick_tolerance is 0.5 and tolerance is 0.625")));
+  options.optimisation.tolerance = 0.5;
+  EXPECT_TRUE(problems(options).empty());
+  options.momenta.first_order_waits = false;
+  EXPECT_THAT(problems(options), ElementsAre(HasSubstr("quick_tolerance is 0.5 and first_order_waits is false")));
   // Where it turns out that order 0 is not asked, it is of no use, and no mistake.
   options = default_options(Model::Auto, SimilarityType::Ssd, Preset::Balanced);
   options.momenta.plain_shear = 12;

@@ -217,19 +217,28 @@ TEST(Choices, TellWhetherFirstOrderMomentaWereLetInAndWhy) {
   momenta.settled_plain_shear = 12.75;
   EXPECT_THAT(line(),
               is("let in", "12.5", "something slides; regularisation is 0.125 beside them (the slip is not plain)"));
+  const auto why = [&](const std::string& part) { return Contains(Field(&Choice::why, HasSubstr(part))); };
   level.quick_share = 0.875;
-  EXPECT_THAT(line(), Not(Contains(Field(&Choice::why, HasSubstr("ten iterations"))))) << "nobody asked";
+  EXPECT_THAT(line(), Not(why("ten iterations"))) << "nobody asked";
   momenta.quick_share = 0.75;
   level.gave_up_sharp = true;
-  EXPECT_THAT(
-      line(),
-      Contains(Field(&Choice::why, HasSubstr("(the slip is not plain); ten iterations had 88 % of "
-                                             "what order 0 brought until it settled (asked: 75 %): it gave up what was "
-                                             "sharp, which it finds again as fast"))));
+  EXPECT_THAT(line(), why("(the slip is not plain); ten iterations had 88 % of what order 0 brought until it settled "
+                          "(asked: 75 %): it gave up what was sharp, which it finds again as fast"));
   level.gave_up_sharp = false;
-  EXPECT_THAT(line(), Contains(Field(&Choice::why, HasSubstr("(asked: 75 %): it kept what it had found"))));
+  EXPECT_THAT(line(), why("(asked: 75 %): it kept what it had found"));
   level.quick_share = -1;
-  EXPECT_THAT(line(), Not(Contains(Field(&Choice::why, HasSubstr("ten iterations")))));
+  EXPECT_THAT(line(), Not(why("ten iterations")));
+  EXPECT_THAT(line(), Not(why("quick")));
+  EXPECT_THAT(line(), why("with order 0 settled the simple shear"));
+  momenta.quick_tolerance = 0.25;
+  level.quick_after = 9;
+  level.gave_up_sharp = true;
+  EXPECT_THAT(line(), why("with order 0 quick, after 9 iterations, the simple shear"));
+  EXPECT_THAT(line(), why("(the slip is not plain); the last five iterations had at most 25 % of what order 0 had "
+                          "brought: it gave up what was sharp, which it finds again as fast"));
+  level.gave_up_sharp = false;
+  EXPECT_THAT(line(), why("brought: it kept what it had found"));
+  level.quick_after = -1;
   level.decision = FirstOrderDecision::LeftOut;
   EXPECT_THAT(line(), is("left out", "12.5", "something slides, but none"));
   level.simple_shear = 2.5;

@@ -64,9 +64,11 @@ TEST(ReportJson, TellsWhatALevelDecidedOnFirstOrderMomenta) {
   }
   level.decision = FirstOrderDecision::LetIn;
   level.quick_share = 0.875;
+  level.quick_after = 9;
   level.gave_up_sharp = true;
   const json found = json::parse(json_of(scene.report))["levels"][0]["first_order_momenta"];
   EXPECT_EQ(found["quick_share"], 0.875);
+  EXPECT_EQ(found["quick_after"], 9);
   EXPECT_EQ(found["order_0_gave_up_sharp"], true);
 }
 
