@@ -9,49 +9,25 @@
 #include <limits>
 #include <map>
 
-#include "core/evaluation/field_error.h"
 #include "core/phantom/make_phantom.h"
 #include "core/registration/register_images.h"
 #include "core/registration/scales.h"
 #include "core/registration/simple_shear.h"
 #include "tests/support/phantom_pair.h"
+#include "tests/support/slip_looks.h"
 
 namespace saltus {
 namespace {
 
+using testing::add;
+using testing::asked;
+using testing::body_that_slides;
+using testing::evaluations;
+using testing::first_iterations;
+using testing::kLooksAfter;
 using testing::pair_of;
-
-constexpr int kLooksAfter = 3;  // iterations
-
-template <int Dim>
-Phantom<Dim> phantom(PhantomKind kind, double angle_deg = 0) {  // 3-D: of 32^3 voxels on the finest level
-  PhantomOptions scene = default_phantom_options(kind, Dim);
-  scene.size = Dim == 2 ? std::array<int, 3>{96, 96, 1} : std::array<int, 3>{64, 64, 64};
-  scene.noise = 0.01;
-  scene.angle_deg = angle_deg;
-  if (kind == PhantomKind::Smooth) scene.displacement_mm = 4;
-  return make_phantom<Dim>(scene);
-}
-
-/// Of the level that was asked, in its first round.
-int first_iterations(const RegistrationSummary& summary, const LevelSummary& level) {
-  return static_cast<int>(std::count_if(summary.history.begin(), summary.history.end(), [&](const IterationRecord& at) {
-    return at.level == level.level && at.round == 1;
-  }));
-}
-
-const LevelSummary& asked(const RegistrationSummary& summary) {
-  const auto found = std::find_if(summary.levels.begin(), summary.levels.end(),
-                                  [](const LevelSummary& level) { return level.decision != FirstOrderDecision::None; });
-  if (found == summary.levels.end()) throw std::logic_error("no level was asked");
-  return *found;
-}
-
-int evaluations(const RegistrationSummary& summary) {
-  int sum = 0;
-  for (const LevelSummary& level : summary.levels) sum += level.evaluations;
-  return sum;
-}
+using testing::phantom;
+using testing::Sums;
 
 // With ssd first orders begin where the level began, whatever order 0 has done before.
 TEST(PlainShear, SavesWhatIsGivenUpAnyhow) {
@@ -138,19 +114,6 @@ TEST(PlainShear, IsSeenInAnImageThatTurns) {
   }
 }
 
-struct Sums {
-  double error_mm = 0, error_near_mm = 0;
-  int evaluations = 0;
-};
-
-template <int Dim>
-void add(const RegistrationResult<Dim>& found, const Phantom<Dim>& slip, Sums& sums) {
-  sums.evaluations += evaluations(found.summary);
-  for (double at : endpoint_errors<Dim>(found.displacement, slip.displacement, slip.masks.valid)) sums.error_mm += at;
-  for (double at : endpoint_errors<Dim>(found.displacement, slip.displacement, slip.masks.near))
-    sums.error_near_mm += at;
-}
-
 // Where it takes order 0 long to settle, that is given up for a few hundredths of the error: each of them a mean over
 // weights that differ by a few thousandths, since the error of a single run moves by more than what is asked.
 void expect_little_lost(SimilarityType similarity) {
@@ -230,123 +193,6 @@ TEST(PlainShear, SaysWhatOrderZeroWeighsBesideFirstOrders) {
   }
 }
 
-Phantom<3> body_that_slides(double radius_mm, double slip_mm) {
-  PhantomOptions scene = default_phantom_options(PhantomKind::Slip, 3);
-  scene.size = {64, 64, 64};
-  scene.noise = 0.02;
-  scene.interface = InterfaceShape::Circle;
-  scene.radius_mm = radius_mm;
-  scene.slip_mm = slip_mm;
-  return make_phantom<3>(scene);
-}
-
-/// Iterations after which a round has settled to `tolerance`, from the energies that it told; -1: it has not.
-int settled_after(const RegistrationSummary& summary, const LevelSummary& level, double tolerance) {
-  std::vector<double> energies{level.energy_before};
-  for (const IterationRecord& at : summary.history)
-    if (at.level == level.level && at.round == 1) energies.push_back(at.energy);
-  for (std::size_t k = 5; k < energies.size(); ++k)
-    if (energies[k - 5] - energies[k] <= tolerance * (energies[0] - energies[k])) return static_cast<int>(k);
-  return -1;
-}
-
-/// Two looks: to 0.05, and from there to 0.005.
-RegistrationOptions looking_twice(SimilarityType similarity) {
-  RegistrationOptions options = default_options(Model::Auto, similarity, Preset::Balanced);
-  options.momenta.plain_shear = 0;
-  options.optimisation.tolerance = 0.05;
-  options.optimisation.look_tolerance = 0.005;
-  options.optimisation.noise_tolerance = 0;
-  return options;
-}
-
-// Order 0 is asked when it has settled as other rounds have to, and goes on only where no slip shows.
-TEST(SettledLook, SavesWhatOrderZeroWouldGoOnWith) {
-  const RegistrationInput<2> input = pair_of(phantom<2>(PhantomKind::Slip, 30));
-  for (SimilarityType similarity : {SimilarityType::Lncc, SimilarityType::Ssd}) {
-    SCOPED_TRACE(to_string(similarity));
-    RegistrationOptions options = looking_twice(similarity);
-    options.pyramid.levels = 1;
-    options.momenta.first_order_shear = 1e9;
-    const RegistrationResult<2> alone = register_images<2>(input, options);
-    ASSERT_EQ(asked(alone.summary).decision, FirstOrderDecision::LeftOut);
-    const int settled = settled_after(alone.summary, asked(alone.summary), 0.05);
-    ASSERT_GT(settled, 0);
-    ASSERT_GT(first_iterations(alone.summary, asked(alone.summary)), settled);
-    options.momenta.first_order_shear = 1e-9;
-    const RegistrationResult<2> found = register_images<2>(input, options);
-    EXPECT_EQ(asked(found.summary).decision, FirstOrderDecision::LetIn);
-    EXPECT_EQ(first_iterations(found.summary, asked(found.summary)), settled);
-    for (int k = 0; k < settled; ++k) EXPECT_EQ(found.summary.history[k].energy, alone.summary.history[k].energy) << k;
-  }
-}
-
-// A level that was asked in vain is the same level: as one that is not asked before it has settled to look_tolerance.
-TEST(SettledLook, ChangesNothingWhereNothingShows) {
-  for (SimilarityType similarity : {SimilarityType::Lncc, SimilarityType::Mi, SimilarityType::Ssd})
-    for (PhantomKind kind : {PhantomKind::Smooth, PhantomKind::Slip}) {
-      SCOPED_TRACE(to_string(similarity) + " " + to_string(kind));
-      const RegistrationInput<2> input = pair_of(phantom<2>(kind, 30));
-      RegistrationOptions options = looking_twice(similarity);
-      options.momenta.first_order_shear = 1e9;
-      options.momenta.finer_shear = options.momenta.narrower_pull = 0;
-      options.momenta.full_contrast = 0;  // by which tolerances follow the contrast
-      const RegistrationResult<2> twice = register_images<2>(input, options);
-      ASSERT_EQ(asked(twice.summary).decision, FirstOrderDecision::LeftOut);
-      const auto first = settled_after(twice.summary, asked(twice.summary), 0.05);
-      ASSERT_TRUE(first > 0 && first < first_iterations(twice.summary, asked(twice.summary))) << "nobody looked";
-      options.optimisation.tolerance = options.optimisation.look_tolerance;
-      const RegistrationResult<2> once = register_images<2>(input, options);
-      EXPECT_EQ(asked(once.summary).simple_shear, asked(twice.summary).simple_shear);
-      EXPECT_EQ(evaluations(once.summary), evaluations(twice.summary));
-      EXPECT_EQ(once.displacement.samples, twice.displacement.samples);
-    }
-}
-
-// A run that is stopped after a look in vain tells of no shear that anything rested on.
-TEST(SettledLook, LeavesNothingBehindWhereNothingShows) {
-  const RegistrationInput<2> input = pair_of(phantom<2>(PhantomKind::Slip, 30));
-  RegistrationOptions options = looking_twice(SimilarityType::Lncc);
-  options.pyramid.levels = 1;
-  options.momenta.first_order_shear = options.momenta.plain_shear = 1e9;
-  const RegistrationResult<2> whole = register_images<2>(input, options);
-  const int settled = settled_after(whole.summary, asked(whole.summary), 0.05);
-  ASSERT_GT(first_iterations(whole.summary, asked(whole.summary)), settled);
-  for (int after : {kLooksAfter, settled}) {
-    SCOPED_TRACE(after);
-    const RegistrationResult<2> stopped = register_images<2>(input, options, [&](const Progress& now) {
-      return now.iteration > after ? ProgressAnswer::Stop : ProgressAnswer::Continue;
-    });
-    EXPECT_EQ(stopped.summary.levels[0].iterations, after + 1);
-    EXPECT_EQ(stopped.summary.levels[0].decision, FirstOrderDecision::None);
-    EXPECT_EQ(stopped.summary.levels[0].simple_shear, 0);
-  }
-}
-
-// What shows when order 0 has gone on is let in then. How quick it was is told of what brought it to `tolerance`,
-// however long it went on.
-TEST(SettledLook, IsTakenAgainWhereOrderZeroHasGoneOn) {
-  const RegistrationInput<2> input = pair_of(phantom<2>(PhantomKind::Slip));
-  RegistrationOptions options = looking_twice(SimilarityType::Lncc);
-  options.optimisation.tolerance = 0.02;  // ten iterations are not all of them
-  options.pyramid.levels = 1;
-  options.momenta.first_order_shear = 1e-9;
-  const RegistrationResult<2> early = register_images<2>(input, options);
-  options.momenta.first_order_shear = 1e9;
-  const RegistrationResult<2> alone = register_images<2>(input, options);
-  const double more = asked(alone.summary).simple_shear;
-  ASSERT_GT(more, asked(early.summary).simple_shear) << "a scene in which a slip shows more when order 0 has gone on";
-  options.momenta.first_order_shear = more;
-  const RegistrationResult<2> late = register_images<2>(input, options);
-  EXPECT_EQ(asked(late.summary).decision, FirstOrderDecision::LetIn);
-  EXPECT_EQ(asked(late.summary).simple_shear, more);
-  const int whole = first_iterations(alone.summary, asked(alone.summary));
-  EXPECT_EQ(first_iterations(late.summary, asked(late.summary)), whole);
-  EXPECT_GT(whole, first_iterations(early.summary, asked(early.summary)));
-  EXPECT_GT(asked(early.summary).quick_share, 0);
-  EXPECT_EQ(asked(late.summary).quick_share, asked(early.summary).quick_share);
-}
-
 // Where an interface bends, a slip shows less, and not early.
 TEST(PlainShear, IsNotShownByASlipAroundASmallBody) {
   const std::map<SimilarityType, double> times = {
@@ -371,236 +217,6 @@ TEST(PlainShear, IsNotShownByASlipAroundASmallBody) {
     }
     EXPECT_LT(let_in.error_mm, 0.8 * left_out.error_mm);
     EXPECT_LT(let_in.error_near_mm, 0.8 * left_out.error_near_mm);
-  }
-}
-
-// Order 0 that was quick gives up what is sharp, which first orders are there for. Oracle: the truth, and order 0 that
-// keeps what it has found.
-TEST(QuickShare, SavesWhatOrderZeroWouldGiveUpLittleByLittle) {
-  Sums kept, given_up;
-  for (double slip_mm : {4, 6}) {
-    const Phantom<3> body = body_that_slides(16, slip_mm);
-    for (const auto& [share, weight] : {std::pair(0.0, 0.997), std::pair(0.0, 1.0), std::pair(0.0, 1.003),
-                                        std::pair(-1.0, 0.997), std::pair(-1.0, 1.0), std::pair(-1.0, 1.003)}) {
-      RegistrationOptions options = default_options(Model::Auto, SimilarityType::Lncc, Preset::Balanced);
-      options.momenta.quick_share = share;
-      options.momenta.quick_tolerance = 0;
-      options.similarity_parameters.weight = weight;  // single runs differ by more than what is asked
-      const RegistrationResult<3> found = register_images<3>(pair_of(body), options);
-      const LevelSummary& level = asked(found.summary);
-      ASSERT_EQ(level.decision, FirstOrderDecision::LetIn);
-      EXPECT_EQ(level.gave_up_sharp, share != 0);
-      EXPECT_GT(level.quick_share, 0.79);
-      EXPECT_LT(level.quick_share, 1);
-      add<3>(found, body, share == 0 ? kept : given_up);
-    }
-  }
-  EXPECT_LT(given_up.evaluations, 0.95 * kept.evaluations);
-  EXPECT_LT(given_up.error_mm, 1.03 * kept.error_mm);
-  EXPECT_LT(given_up.error_near_mm, 1.03 * kept.error_near_mm);
-}
-
-// Of order 0 that has not settled nobody knows how much its first iterations had, and one that is stopped before it
-// took a step has what it had.
-TEST(QuickShare, GivesUpNothingForNothing) {
-  RegistrationOptions options = default_options(Model::Auto, SimilarityType::Lncc, Preset::Balanced);
-  options.pyramid.levels = 1;
-  options.optimisation.tolerance = options.optimisation.look_tolerance;  // ten iterations are not all of them
-  options.momenta.first_order_shear = options.momenta.quick_share = 1e-9;
-  const RegistrationInput<2> input = pair_of(phantom<2>(PhantomKind::Slip, 30));
-  const RegistrationResult<2> whole = register_images<2>(input, options);
-  ASSERT_TRUE(asked(whole.summary).gave_up_sharp);
-  const int rounds = first_iterations(whole.summary, asked(whole.summary));
-  const auto stopped_at = [&](double share, int call) {
-    options.momenta.quick_share = share;
-    int calls = 0;
-    return register_images<2>(input, options, [&](const Progress& now) {
-      return now.iteration == rounds && ++calls == call ? ProgressAnswer::Stop : ProgressAnswer::Continue;
-    });
-  };
-  // The last step of order 0 is told, then what is asked of its displacement, then the next round's first evaluation.
-  int call = 1;
-  while (stopped_at(0, call).summary.levels[0].decision != FirstOrderDecision::LetIn) ASSERT_LT(++call, 100);
-  const RegistrationResult<2> kept = stopped_at(0, call), given_up = stopped_at(1e-9, call);
-  EXPECT_EQ(kept.summary.termination, Termination::Stopped);
-  EXPECT_EQ(asked(given_up.summary).decision, FirstOrderDecision::LetIn);
-  EXPECT_FALSE(asked(given_up.summary).gave_up_sharp);
-  EXPECT_EQ(given_up.displacement.samples, kept.displacement.samples);
-  options.momenta.quick_share = 1e-9;
-  options.optimisation.max_iterations = 8;
-  const RegistrationResult<2> few = register_images<2>(input, options);
-  EXPECT_EQ(asked(few.summary).decision, FirstOrderDecision::LetIn);
-  EXPECT_FALSE(asked(few.summary).gave_up_sharp);
-  EXPECT_EQ(asked(few.summary).quick_share, -1);
-  // Nor of order 0 that has settled in no more than these.
-  options.optimisation.max_iterations = 150;
-  options.optimisation.tolerance = 0.3;
-  const RegistrationResult<2> soon = register_images<2>(input, options);
-  EXPECT_EQ(asked(soon.summary).decision, FirstOrderDecision::LetIn);
-  EXPECT_LE(first_iterations(soon.summary, asked(soon.summary)), 10);
-  EXPECT_FALSE(asked(soon.summary).gave_up_sharp);
-  EXPECT_EQ(asked(soon.summary).quick_share, -1);
-}
-
-// The share is that of the energies that the round itself tells of.
-TEST(QuickShare, IsThatOfTheFirstTenIterations) {
-  RegistrationOptions options = default_options(Model::Auto, SimilarityType::Lncc, Preset::Balanced);
-  options.pyramid.levels = 1;
-  options.optimisation.tolerance = options.optimisation.look_tolerance;  // ten iterations are not all of them
-  options.momenta.first_order_shear = 1e-9;
-  const RegistrationInput<2> input = pair_of(phantom<2>(PhantomKind::Slip, 30));
-  const RegistrationResult<2> found = register_images<2>(input, options);
-  const LevelSummary& level = asked(found.summary);
-  const int rounds = first_iterations(found.summary, level);
-  ASSERT_GT(rounds, 10);
-  const auto energy = [&](int iteration) {
-    return found.summary.history[static_cast<std::size_t>(iteration) - 1].energy;
-  };
-  EXPECT_NEAR(level.quick_share, (level.energy_before - energy(10)) / (level.energy_before - energy(rounds)), 1e-12);
-  EXPECT_FALSE(level.gave_up_sharp) << "not in 2-D";
-  // So much is enough, and no more.
-  options.momenta.quick_share = level.quick_share;
-  const RegistrationResult<2> smooth = register_images<2>(input, options);
-  EXPECT_TRUE(asked(smooth.summary).gave_up_sharp);
-  EXPECT_NE(smooth.displacement.samples, found.displacement.samples);
-  options.momenta.quick_share = std::nextafter(level.quick_share, 1.0);
-  const RegistrationResult<2> same = register_images<2>(input, options);
-  EXPECT_FALSE(asked(same.summary).gave_up_sharp);
-  EXPECT_EQ(same.displacement.samples, found.displacement.samples);
-  // Early nobody knows how quick order 0 is.
-  options.momenta.quick_share = 1e-9;
-  options.momenta.plain_shear = 1e-9;
-  const RegistrationResult<2> early = register_images<2>(input, options);
-  EXPECT_TRUE(asked(early.summary).was_plain);
-  EXPECT_FALSE(asked(early.summary).gave_up_sharp);
-  EXPECT_EQ(asked(early.summary).quick_share, -1);
-}
-
-/// What the last five of so many iterations of the first round had of what all had brought. The level was asked.
-double share_of_five(const RegistrationSummary& summary, int iterations) {
-  const double before = asked(summary).energy_before;
-  std::vector<double> energies{before};
-  for (const IterationRecord& at : summary.history) energies.push_back(at.energy);
-  const double end = energies.at(static_cast<std::size_t>(iterations));
-  return (energies.at(static_cast<std::size_t>(iterations) - 5) - end) / (before - end);
-}
-
-/// One level of a slip in 2-D, which order 0 needs more than ten iterations for.
-struct QuickSlip {
-  explicit QuickSlip(double angle_deg = 30) : input(pair_of(phantom<2>(PhantomKind::Slip, angle_deg))) {
-    options.pyramid.levels = 1;
-    options.optimisation.tolerance = options.optimisation.look_tolerance;
-    options.momenta.first_order_shear = 1e-9;
-  }
-  RegistrationResult<2> found(double quick_tolerance) {
-    options.momenta.quick_tolerance = quick_tolerance;
-    return register_images<2>(input, options);
-  }
-
-  RegistrationInput<2> input;
-  RegistrationOptions options = default_options(Model::Auto, SimilarityType::Lncc, Preset::Balanced);
-};
-
-// The round of order 0 ends where the energies that it tells of say so, and begins smooth beside first orders.
-TEST(QuickTolerance, EndsTheRoundWhereFiveIterationsBringSoLittle) {
-  QuickSlip slip;
-  const RegistrationResult<2> settled = slip.found(0);
-  ASSERT_GT(first_iterations(settled.summary, asked(settled.summary)), 10);
-  ASSERT_EQ(asked(settled.summary).quick_after, -1);
-  for (int after = 6; after < 10; ++after)
-    ASSERT_GT(share_of_five(settled.summary, after), share_of_five(settled.summary, after + 1)) << "of such a scene";
-  for (int after : {6, 8, 10}) {
-    SCOPED_TRACE(after);
-    const double share = share_of_five(settled.summary, after);
-    for (double tolerance : {share * (1 + 1e-9), share * (1 - 1e-9)}) {
-      const RegistrationResult<2> found = slip.found(tolerance);
-      const LevelSummary& level = asked(found.summary);
-      const int expected = tolerance > share ? after : after + 1;
-      if (expected <= 10) {
-        EXPECT_EQ(level.quick_after, expected);
-        EXPECT_EQ(first_iterations(found.summary, level), expected);
-        EXPECT_TRUE(level.gave_up_sharp);
-        EXPECT_EQ(level.quick_share, -1);
-        EXPECT_EQ(level.decision, FirstOrderDecision::LetIn);
-        EXPECT_NE(found.displacement.samples, settled.displacement.samples);
-      } else {
-        EXPECT_EQ(level.quick_after, -1);
-        EXPECT_FALSE(level.gave_up_sharp);
-        EXPECT_EQ(evaluations(found.summary), evaluations(settled.summary));
-        EXPECT_EQ(found.displacement.samples, settled.displacement.samples);
-      }
-    }
-  }
-}
-
-// Asked in vain, order 0 goes on as if it had not been, and is asked how quick it was when a slip shows later.
-TEST(QuickTolerance, ChangesNothingWhereNothingShows) {
-  QuickSlip slip(0);
-  const double early = asked(slip.found(0.9).summary).simple_shear;
-  slip.options.momenta.quick_share = 0.5;
-  const RegistrationResult<2> settled = slip.found(0);
-  const double late = asked(settled.summary).simple_shear;
-  ASSERT_LT(early, late) << "a scene in which a slip shows more when order 0 has gone on";
-  ASSERT_TRUE(asked(settled.summary).gave_up_sharp);
-  slip.options.momenta.first_order_shear = late;
-  for (double share : {0.5, 1.0}) {
-    SCOPED_TRACE(share);
-    slip.options.momenta.quick_share = share;
-    const RegistrationResult<2> twice = slip.found(0.9), once = slip.found(0);
-    const LevelSummary& level = asked(twice.summary);
-    EXPECT_EQ(level.simple_shear, late);
-    EXPECT_EQ(level.gave_up_sharp, share < 1);
-    EXPECT_EQ(level.quick_after, -1);
-    EXPECT_EQ(level.quick_share, asked(once.summary).quick_share);
-    EXPECT_EQ(evaluations(twice.summary), evaluations(once.summary));
-    EXPECT_EQ(twice.displacement.samples, once.displacement.samples);
-  }
-  slip.options.momenta.first_order_shear = 1e9;
-  const RegistrationResult<2> in_vain = slip.found(0.9), alone = slip.found(0);
-  EXPECT_EQ(asked(in_vain.summary).decision, FirstOrderDecision::LeftOut);
-  EXPECT_EQ(asked(in_vain.summary).quick_after, -1);
-  EXPECT_EQ(asked(in_vain.summary).simple_shear, asked(alone.summary).simple_shear);
-  EXPECT_EQ(evaluations(in_vain.summary), evaluations(alone.summary));
-  EXPECT_EQ(in_vain.displacement.samples, alone.displacement.samples);
-}
-
-// At its limit of iterations order 0 is as quick as it has been by then.
-TEST(QuickTolerance, IsNotWaitedForBeyondTheLimitOfIterations) {
-  QuickSlip slip;
-  slip.options.optimisation.max_iterations = 8;
-  const double share = share_of_five(slip.found(0).summary, 8);
-  const RegistrationResult<2> quick = slip.found(share * (1 + 1e-9)), slow = slip.found(share * (1 - 1e-9));
-  EXPECT_EQ(asked(quick.summary).quick_after, 8);
-  EXPECT_TRUE(asked(quick.summary).gave_up_sharp);
-  EXPECT_EQ(asked(slow.summary).quick_after, -1);
-  EXPECT_FALSE(asked(slow.summary).gave_up_sharp);
-  EXPECT_EQ(asked(slow.summary).decision, FirstOrderDecision::LetIn);
-}
-
-// Around a body that slides order 0 need not settle first. Oracle: the truth, and order 0 that settles and then gives
-// up what is sharp, or goes on from it where that is what it does.
-TEST(QuickTolerance, SavesWhatOrderZeroWouldGiveUp) {
-  for (SimilarityType similarity : {SimilarityType::Lncc, SimilarityType::Mind}) {
-    SCOPED_TRACE(to_string(similarity));
-    Sums settled, quick;
-    for (const auto& [radius_mm, slip_mm] : {std::pair(16, 4), std::pair(16, 6), std::pair(20, 4), std::pair(20, 6)}) {
-      const Phantom<3> body = body_that_slides(radius_mm, slip_mm);
-      for (double tolerance : {0.0, -1.0})
-        for (double weight : {0.997, 1.003}) {  // single runs differ by more than what is asked
-          RegistrationOptions options = default_options(Model::Auto, similarity, Preset::Balanced);
-          options.momenta.quick_tolerance = tolerance;
-          options.similarity_parameters.weight = weight;
-          const RegistrationResult<3> found = register_images<3>(pair_of(body), options);
-          const LevelSummary& level = asked(found.summary);
-          ASSERT_EQ(level.decision, FirstOrderDecision::LetIn);
-          EXPECT_TRUE(level.gave_up_sharp);
-          EXPECT_EQ(level.quick_after > 0, tolerance != 0);
-          add<3>(found, body, tolerance == 0 ? settled : quick);
-        }
-    }
-    EXPECT_LT(quick.evaluations, 0.9 * settled.evaluations);
-    EXPECT_LT(quick.error_mm, 1.03 * settled.error_mm);
-    EXPECT_LT(quick.error_near_mm, 1.03 * settled.error_near_mm);
   }
 }
 
@@ -864,23 +480,25 @@ TEST(PlainShear, IsRefusedWhereItCannotBeMeant) {
   EXPECT_THAT(problems(options), ElementsAre(HasSubstr("plain_shear is 12 and first_order_shear is 0")));
   options.momenta.first_order_shear = 12;
   EXPECT_TRUE(problems(options).empty());
-  options.momenta.quick_share = 0.5;
-  EXPECT_THAT(problems(options), ElementsAre(HasSubstr("quick_share is 0.5 and first_order_waits is false")));
-  options.momenta.first_order_waits = true;
-  EXPECT_TRUE(problems(options).empty());
-  options.momenta.plain_shear = options.momenta.first_order_shear = 0;
-  EXPECT_THAT(problems(options), ElementsAre(HasSubstr("quick_share is 0.5 and first_order_shear is 0")));
-  options.momenta.quick_share = 0;
-  options.momenta.quick_tolerance = 0.5;
-  EXPECT_THAT(problems(options), ElementsAre(HasSubstr("quick_tolerance is 0.5 and first_order_shear is 0")));
+  for (const auto& [name, quick] : {std::pair("quick_share", &RegistrationOptions::Momenta::quick_share),
+                                    std::pair("quick_tolerance", &RegistrationOptions::Momenta::quick_tolerance)}) {
+    const std::string is_half = std::string(name) + " is 0.5 and ";
+    options.momenta.*quick = 0.5;
+    options.momenta.first_order_shear = 12;
+    options.momenta.first_order_waits = false;
+    EXPECT_THAT(problems(options), ElementsAre(HasSubstr(is_half + "first_order_waits is false")));
+    options.momenta.first_order_waits = true;
+    EXPECT_TRUE(problems(options).empty());
+    options.momenta.plain_shear = options.momenta.first_order_shear = 0;
+    EXPECT_THAT(problems(options), ElementsAre(HasSubstr(is_half + "first_order_shear is 0")));
+    options.momenta.*quick = 0;
+  }
   options.momenta.first_order_shear = 12;
-  EXPECT_TRUE(problems(options).empty());
+  options.momenta.quick_tolerance = 0.5;
   options.optimisation.tolerance = 0.625;
   EXPECT_THAT(problems(options), ElementsAre(HasSubstr("quick_tolerance is 0.5 and tolerance is 0.625")));
   options.optimisation.tolerance = 0.5;
   EXPECT_TRUE(problems(options).empty());
-  options.momenta.first_order_waits = false;
-  EXPECT_THAT(problems(options), ElementsAre(HasSubstr("quick_tolerance is 0.5 and first_order_waits is false")));
   // Where it turns out that order 0 is not asked, it is of no use, and no mistake.
   options = default_options(Model::Auto, SimilarityType::Ssd, Preset::Balanced);
   options.momenta.plain_shear = 12;
