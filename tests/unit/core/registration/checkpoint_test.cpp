@@ -282,6 +282,13 @@ TEST(Checkpoint, ResumesWhereOrder0IsQuickWithTheSameEnd) {
     ASSERT_TRUE(asked_of(register_images<2>(plane(), options), SimilarityType::Lncc).gave_up_sharp);
     resumes_anywhere<2>(plane(), options);
   }
+  // Not after ten iterations, wherever it is taken up.
+  options.momenta.first_order_shear = 1e-9;
+  options.momenta.quick_tolerance = 0.2;
+  ASSERT_GT(asked_of(register_images<2>(plane(), options), SimilarityType::Lncc).iterations, 11);
+  ASSERT_EQ(asked_of(register_images<2>(plane(), options), SimilarityType::Lncc).quick_after, -1);
+  resumes_anywhere<2>(plane(), options);
+  options.momenta.quick_tolerance = 0.9;
   // In vain early, when quick, when settled and in the end.
   options.momenta.plain_shear = options.momenta.first_order_shear = 1e9;
   options.optimisation.look_tolerance = options.optimisation.tolerance / 2;

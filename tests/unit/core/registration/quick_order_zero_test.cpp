@@ -211,6 +211,34 @@ TEST(QuickTolerance, ChangesNothingWhereNothingShows) {
   EXPECT_EQ(in_vain.displacement.samples, alone.displacement.samples);
 }
 
+// Quick is what ended the round, and within ten iterations: not that it was so before, when nothing showed, nor that it
+// has settled to as much later.
+TEST(QuickTolerance, CountsWhereTheRoundEnds) {
+  QuickSlip slip(0);
+  const RegistrationSummary whole = slip.found(0).summary;
+  const double tolerance = slip.options.optimisation.tolerance;
+  ASSERT_GT(first_iterations(whole, asked(whole)), 10);
+  for (int after = 6; after < 9; ++after) ASSERT_GT(share_of_five(whole, after), share_of_five(whole, after + 1));
+  const double at_six = share_of_five(whole, 6) * (1 + 1e-9), at_nine = share_of_five(whole, 9) * (1 + 1e-9);
+  const double early = asked(slip.found(at_six).summary).simple_shear;
+  const double late = asked(slip.found(at_nine).summary).simple_shear;
+  ASSERT_LT(early, late);
+  slip.options.momenta.first_order_shear = late;
+  slip.options.optimisation.tolerance = at_nine;
+  const RegistrationSummary in_vain_before = slip.found(at_six).summary;
+  EXPECT_EQ(first_iterations(in_vain_before, asked(in_vain_before)), 9);
+  EXPECT_EQ(asked(in_vain_before).decision, FirstOrderDecision::LetIn);
+  EXPECT_EQ(asked(in_vain_before).quick_after, -1);
+  EXPECT_FALSE(asked(in_vain_before).gave_up_sharp);
+  slip.options.momenta.first_order_shear = 1e-9;
+  slip.options.optimisation.tolerance = tolerance;
+  const RegistrationSummary settled = slip.found(tolerance).summary;
+  EXPECT_EQ(first_iterations(settled, asked(settled)), first_iterations(whole, asked(whole)));
+  EXPECT_EQ(asked(settled).quick_after, -1);
+  EXPECT_EQ(asked(settled).quick_share, asked(whole).quick_share);
+  EXPECT_FALSE(asked(settled).gave_up_sharp);
+}
+
 // At its limit of iterations order 0 is as quick as it has been by then.
 TEST(QuickTolerance, IsNotWaitedForBeyondTheLimitOfIterations) {
   QuickSlip slip;
