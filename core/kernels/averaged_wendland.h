@@ -54,7 +54,7 @@ struct AveragedWendland {
   /// V / value_scale and S / slope_scale.
   template <class V>
   [[gnu::always_inline]] V value_shape(const Ends<V>& at) const {
-    return (T(1) - at.far * at.far * at.far) - with_sign<V>(T(1) - at.near * at.near * at.near, at.near_end);
+    return (T(1) - at.far * at.far * at.far) - with_sign_flipped<V>(T(1) - at.near * at.near * at.near, at.near_end);
   }
   template <class V>
   [[gnu::always_inline]] V slope_shape(const Ends<V>& at) const {
@@ -67,7 +67,7 @@ struct AveragedWendland {
   }
   template <class V>
   [[gnu::always_inline]] V slope_shape_derivative(const Ends<V>& at) const {
-    return T(2) * per_sigma * (with_sign<V>(at.near, at.near_end) - at.far);
+    return T(2) * per_sigma * (with_sign_flipped<V>(at.near, at.near_end) - at.far);
   }
   T value(T r) const { return value_scale * value_shape(ends(r)); }
   T slope(T r) const { return slope_scale * slope_shape(ends(r)); }

@@ -189,15 +189,16 @@ template <int Dim, class T, class Lanes>
         most[of_pair] = most[of_pair] < to ? most[of_pair] : to;
       }
     }
+    // Of each row the sites from the first within reach to the last. Rounding may take one at its ends away, where the
+    // shape is next to nothing.
     for (int of_pair = 0; of_pair < 2; ++of_pair) {
-      // Rounding may take a site at the ends of a row away, where the shape is next to nothing.
       const WholePairs is_there = least[of_pair] <= most[of_pair] + 1;
       least[of_pair] = is_there ? least[of_pair] : Pairs{} + (high_x + 1);
       most[of_pair] = is_there ? most[of_pair] : Pairs{} - 1;
     }
     const Pairs first = least[0] < least[1] ? least[0] : least[1], last = most[0] > most[1] ? most[0] : most[1];
-    const WholePairs first_x = __builtin_convertvector(first, WholePairs),
-                     reached = __builtin_convertvector(last + T(0.999), WholePairs),
+    const WholePairs first_x = __builtin_convertvector(first + T(0.999), WholePairs),
+                     reached = __builtin_convertvector(last, WholePairs),
                      last_x = reached < high[0] - 1 ? reached : WholePairs{} + (high[0] - 1);
     WholePairs tiles = (last_x - first_x + kWidth) >> kShift;  // below 1 where there are none
     WholePairs at = 2 * first_x + static_cast<Whole>(two_rows) * pair;

@@ -1,7 +1,10 @@
 #pragma once
 
+#include <array>
+#include <bit>
 #include <cmath>
 #include <cstddef>
+#include <cstdint>
 #include <cstring>
 #include <utility>
 
@@ -100,6 +103,15 @@ template <class T>
 }
 #endif
 
+/// By set of eight words (a bit for each): which words are in it, rising, four bits for each.
+constexpr std::array<std::uint32_t, 256> kWordsOfSet = [] {
+  std::array<std::uint32_t, 256> words{};
+  for (unsigned set = 0; set < 256; ++set)
+    for (unsigned word = 0, at = 0; word < 8; ++word)
+      if (set >> word & 1) words[set] |= word << 4 * at++;
+  return words;
+}();
+
 /// Some of a register's lanes: those where a comparison of it holds.
 template <class T>
 class PickedLanes {
@@ -132,6 +144,25 @@ class PickedLanes {
 
  private:
   unsigned lanes_;
+#elif defined(__AVX2__) && defined(__has_builtin) && __has_builtin(__builtin_ia32_permvarsf256) && \
+    __has_builtin(__builtin_ia32_movmskps256)
+  typedef float Floats __attribute__((vector_size(32)));
+  typedef int Words __attribute__((vector_size(32)));
+
+  [[gnu::always_inline]] explicit PickedLanes(const Whole& holds)
+      : words_(static_cast<unsigned>(__builtin_ia32_movmskps256((Floats)holds))) {}
+  int count() const { return std::popcount(words_) / static_cast<int>(sizeof(T) / sizeof(float)); }
+  /// Their values, one after the other; what lies behind them, up to as many as a register holds, may change.
+  template <class V>
+  [[gnu::always_inline]] void store(const V& values, void* to) const {
+    // Of an index the instruction sees the lowest three bits.
+    const Words order = (Words{} + static_cast<int>(kWordsOfSet[words_])) >> Words{0, 4, 8, 12, 16, 20, 24, 28};
+    const Floats packed = __builtin_ia32_permvarsf256((Floats)values, order);
+    std::memcpy(to, &packed, sizeof packed);
+  }
+
+ private:
+  unsigned words_;  // a bit for each four bytes
 #else
   [[gnu::always_inline]] explicit PickedLanes(const Whole& holds) {
     for (std::size_t i = 0; i < kRegisterLanes<T>; ++i) holds_[i] = static_cast<int>(-holds[i]);
