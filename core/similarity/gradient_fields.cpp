@@ -4,143 +4,212 @@
 
 #include "core/grid/noise.h"
 #include "core/similarity/similarity.h"
-#include "core/support/reduction.h"
+#include "core/support/thread_count.h"
 
 namespace saltus {
 namespace {
 
-template <int Dim>
-using Arrow = std::array<double, Dim>;
-
-template <int Dim>
-double dot(const Arrow<Dim>& a, const Arrow<Dim>& b) {
-  double sum = 0;
-  for (int axis = 0; axis < Dim; ++axis) sum += a[axis] * b[axis];
-  return sum;
-}
-
-/// n = <g_f, g_w>, A = |g_f|^2 + e_f^2, B = |g_w|^2 + e_w^2, E = V sum of weight (1 - n^2 / (A B)). With
-///     dE/dg_w = -V weight 2 n / (A B) (g_f - n / B g_w)     (and f alike),
+/// With G = grad I / edge of each image, N = <G_f, G_w>, A = |G_f|^2 + 1 and B = |G_w|^2 + 1, E = V sum of
+/// weight (1 - N^2 / (A B)). With
+///     dE/dG_w = -2 V weight N / (A B) (G_f - N / B G_w)     (and f alike),
 /// sample y collects from its own difference quotients and from those of its neighbours, on each axis:
-///     g(y) = [ weight(y+1) (I(y+1) - I(y)) + weight(y-1) (I(y) - I(y-1)) ] / (2 h).
+///     grad I(y) = [ weight(y+1) (I(y+1) - I(y)) + weight(y-1) (I(y) - I(y-1)) ] / (2 h).
+/// All this goes along rows, in lanes: pieces of them, so that what lies between two loops stays in the nearest cache.
 template <int Dim, class T>
 class GradientFields final : public Similarity<Dim, T> {
  public:
-  GradientFields(const Lattice<Dim>& lattice, double edge) : lattice_(lattice), given_edge_(edge) {
-    std::ptrdiff_t stride = 1;
-    for (int axis = 0; axis < Dim; ++axis) {
-      stride_[axis] = stride;
-      stride *= lattice.size[axis];
-      half_[axis] = 0.5 / lattice.spacing[axis];
-    }
-  }
+  GradientFields(const Lattice<Dim>& lattice, double edge) : lattice_(lattice), given_edge_(edge) {}
 
   void prepare(const T* fixed, const T* resting, const T* weights) override {
     double f = edge_of(fixed, weights), w = edge_of(resting, weights);
     // An image without any edge takes the other's measure; without any edge at all every measure will do.
     if (f == 0) f = w > 0 ? w : 1;
     if (w == 0) w = f;
-    fixed_edge2_ = f * f;
-    warped_edge2_ = w * w;
-    is_prepared_ = true;
+    fixed_edge_ = f;
+    warped_edge_ = w;
   }
 
   double evaluate(const T* fixed, const T* warped, const T* weights, T* gradient, T* weight_gradient) override {
-    if (!is_prepared_) throw std::logic_error("normalised gradient fields are evaluated before prepare");
-    const double volume = lattice_.cell_volume();
-    const std::size_t sites = lattice_.sites();
-    warped_duals_.resize(Dim * sites);
-    if (weight_gradient) fixed_duals_.resize(Dim * sites);
-    const double energy = ordered_rows([&](const Index<Dim>& index, std::size_t site) {
-      T* warped_dual = warped_duals_.data() + Dim * site;
-      T* fixed_dual = weight_gradient ? fixed_duals_.data() + Dim * site : nullptr;
-      const double weight = weights ? double(weights[site]) : 1.0;
-      if (weight == 0 && !weight_gradient) {
-        std::fill_n(warped_dual, Dim, T(0));
-        return 0.0;
-      }
-      const Arrow<Dim> g_f = difference(fixed, weights, index, site), g_w = difference(warped, weights, index, site);
-      const double n = dot<Dim>(g_f, g_w);
-      const double a = dot<Dim>(g_f, g_f) + fixed_edge2_, b = dot<Dim>(g_w, g_w) + warped_edge2_;
-      const double unlike = 1 - n / a * (n / b);
-      if (weight_gradient) weight_gradient[site] = static_cast<T>(volume * unlike);
-      if (weight == 0) {  // not a product with 0: what is hidden may be NaN
-        std::fill_n(warped_dual, Dim, T(0));
-        std::fill_n(fixed_dual, Dim, T(0));
-        return 0.0;
-      }
-      const double factor = -2 * volume * weight * (n / a) / b;
-      for (int axis = 0; axis < Dim; ++axis) {
-        warped_dual[axis] = static_cast<T>(factor * (g_f[axis] - n / b * g_w[axis]));
-        if (fixed_dual) fixed_dual[axis] = static_cast<T>(factor * (g_w[axis] - n / a * g_f[axis]));
-      }
-      return volume * weight * unlike;
-    });
-    ordered_rows([&](const Index<Dim>& index, std::size_t site) {
-      collect(warped, weights, warped_duals_.data(), index, site, gradient, weight_gradient);
-      if (weight_gradient) collect(fixed, weights, fixed_duals_.data(), index, site, nullptr, weight_gradient);
+    if (fixed_edge_ == 0) throw std::logic_error("normalised gradient fields are evaluated before prepare");
+    warped_duals_.resize(Dim * lattice_.sites());
+    if (weight_gradient) fixed_duals_.resize(Dim * lattice_.sites());
+    const double energy =
+        sum_of_pieces([&](const Piece& piece) { return compare(piece, fixed, warped, weights, weight_gradient); });
+    sum_of_pieces([&](const Piece& piece) {
+      collect(piece, warped, weights, warped_duals_.data(), warped_edge_, gradient, weight_gradient);
+      if (weight_gradient) collect(piece, fixed, weights, fixed_duals_.data(), fixed_edge_, nullptr, weight_gradient);
       return 0.0;
     });
     return energy;
   }
 
  private:
-  /// Sum of term(index, site), slab by slab, in an order that does not depend on the number of threads.
+  static constexpr int kLongest = 128;  ///< of a piece
+
+  /// Samples that follow each other along x, and how far their neighbours along an axis are: 0 beyond the border. Along
+  /// x that is meant for the first sample (down) and the last one (up) alone.
+  struct Piece {
+    std::size_t site;
+    int length;
+    std::array<std::ptrdiff_t, Dim> up, down;
+  };
+  /// A value for each sample of a piece and each axis.
+  using Arrows = T[Dim][kLongest];
+
+  /// Sum of term(piece), slab by slab, in an order that does not depend on the number of threads.
   template <class Term>
-  double ordered_rows(Term&& term) const {
-    const int slabs = lattice_.size[Dim - 1];
-    std::vector<double> sums(slabs);
-#pragma omp parallel for schedule(static)
-    for (int slab = 0; slab < slabs; ++slab) {
-      double sum = 0;
-      visit_slab<Dim>(lattice_, slab, [&](const Index<Dim>& index, std::size_t site) { sum += term(index, site); });
-      sums[slab] = sum;
-    }
+  double sum_of_pieces(Term&& term) const {
+    const Index<Dim>& size = lattice_.size;
+    const int rows = Dim == 3 ? size[1] : 1, slabs = size[Dim - 1];
+    std::vector<double> sums(static_cast<std::size_t>(slabs));
+#pragma omp parallel for schedule(static) if (is_worth_threads(lattice_.sites()))
+    for (int slab = 0; slab < slabs; ++slab)
+      for (int row = 0; row < rows; ++row) {
+        Index<Dim> index{};
+        index[Dim - 1] = slab;
+        if (Dim == 3) index[1] = row;
+        for (int x = 0; x < size[0]; x += kLongest) {
+          Piece piece{static_cast<std::size_t>(x), std::min(kLongest, size[0] - x), {}, {}};
+          std::ptrdiff_t stride = 1;
+          for (int axis = 0; axis < Dim; ++axis) {
+            const int last = axis == 0 ? x + piece.length - 1 : index[axis];
+            piece.up[axis] = last + 1 < size[axis] ? stride : 0;
+            piece.down[axis] = (axis == 0 ? x : index[axis]) > 0 ? -stride : 0;
+            piece.site += static_cast<std::size_t>(index[axis] * stride);
+            stride *= size[axis];
+          }
+          sums[static_cast<std::size_t>(slab)] += term(piece);
+        }
+      }
     double sum = 0;
     for (double part : sums) sum += part;
     return sum;
   }
 
-  /// The weight of the neighbour `step` (1 or -1) along the axis: 0 beyond the border.
-  double neighbour(const T* weights, const Index<Dim>& index, std::size_t site, int axis, int step) const {
-    const int at = index[axis] + step;
-    if (at < 0 || at >= lattice_.size[axis]) return 0;
-    return weights ? double(weights[site + static_cast<std::size_t>(step * stride_[axis])]) : 1.0;
-  }
-
-  Arrow<Dim> difference(const T* image, const T* weights, const Index<Dim>& index, std::size_t site) const {
-    Arrow<Dim> g;
-    for (int axis = 0; axis < Dim; ++axis) {
-      const double up = neighbour(weights, index, site, axis, 1), down = neighbour(weights, index, site, axis, -1);
-      const std::size_t stride = static_cast<std::size_t>(stride_[axis]);
-      double sum = 0;
-      if (up > 0) sum += up * (double(image[site + stride]) - image[site]);
-      if (down > 0) sum += down * (double(image[site]) - image[site - stride]);
-      g[axis] = half_[axis] * sum;
+  /// visit(i, up, down) for the samples of a piece: how far the neighbours of sample i along the axis are, 0 beyond the
+  /// border. Those in the middle in lanes.
+  template <class Visit>
+  [[gnu::always_inline]] static void along(int axis, const Piece& piece, Visit&& visit) {
+    const std::ptrdiff_t up = piece.up[axis], down = piece.down[axis];
+    if (axis > 0) {
+#pragma omp simd
+      for (int i = 0; i < piece.length; ++i) visit(i, up, down);
+      return;
     }
-    return g;
+    const int last = piece.length - 1;
+    visit(0, last > 0 ? 1 : up, down);
+#pragma omp simd
+    for (int i = 1; i < last; ++i) visit(i, 1, -1);
+    if (last > 0) visit(last, up, -1);
   }
 
-  /// The transpose of `difference`, for one sample: writes to `gradient` (unless null), adds to `weight_gradient`.
-  void collect(const T* image, const T* weights, const T* duals, const Index<Dim>& index, std::size_t site, T* gradient,
-               T* weight_gradient) const {
-    const double weight = weights ? double(weights[site]) : 1.0;
-    double image_part = 0, weight_part = 0;
+  /// What neighbours that are `far` away show: nothing beyond the border.
+  [[gnu::always_inline]] static T shown(const T* weights, std::ptrdiff_t far) { return far == 0 ? T(0) : weights[far]; }
+
+  /// grad I over `edge`.
+  void differentiate(const Piece& piece, const T* image, const T* weights, double edge, Arrows& arrows) const {
+    const T* own = image + piece.site;
+    const T* of_own = weights ? weights + piece.site : nullptr;
     for (int axis = 0; axis < Dim; ++axis) {
-      const std::size_t stride = static_cast<std::size_t>(stride_[axis]);
-      const double own = duals[Dim * site + axis];
-      for (int step : {-1, 1}) {
-        const double shown = neighbour(weights, index, site, axis, step);
-        if (!(shown > 0)) continue;  // its duals are 0 as well
-        const std::size_t there = step < 0 ? site - stride : site + stride;
-        const double theirs = duals[Dim * there + axis];
-        // Seen from the neighbour, this sample lies the other way.
-        image_part -= half_[axis] * step * (weight * theirs + shown * own);
-        if (weight_gradient) weight_part += half_[axis] * step * theirs * (double(image[there]) - image[site]);
+      const T half = static_cast<T>(0.5 / (lattice_.spacing[axis] * edge));
+      T* to = arrows[axis];
+      if (!weights) {
+        along(axis, piece,
+              [=](int i, std::ptrdiff_t up, std::ptrdiff_t down) { to[i] = half * (own[i + up] - own[i + down]); });
+        continue;
       }
+      along(axis, piece, [=](int i, std::ptrdiff_t up, std::ptrdiff_t down) {
+        const T above = shown(of_own + i, up), below = shown(of_own + i, down);
+        // Not a product with 0: what is hidden may be NaN.
+        const T to_above = above > 0 ? above * (own[i + up] - own[i]) : T(0);
+        const T from_below = below > 0 ? below * (own[i] - own[i + down]) : T(0);
+        to[i] = half * (to_above + from_below);
+      });
     }
-    if (gradient) gradient[site] = weight == 0 ? T(0) : static_cast<T>(image_part);
-    if (weight_gradient) weight_gradient[site] += static_cast<T>(weight_part);
+  }
+
+  /// A piece's part of the energy; its duals, of I over edge, and the part of the weights' gradient that is seen there.
+  double compare(const Piece& piece, const T* fixed, const T* warped, const T* weights, T* weight_gradient) {
+    Arrows g_f, g_w;
+    differentiate(piece, fixed, weights, fixed_edge_, g_f);
+    differentiate(piece, warped, weights, warped_edge_, g_w);
+    const T volume = static_cast<T>(lattice_.cell_volume());
+    const T* of_own = weights ? weights + piece.site : nullptr;
+    T unlike[kLongest], weight[kLongest], factor[kLongest], f_share[kLongest], w_share[kLongest];
+#pragma omp simd
+    for (int i = 0; i < piece.length; ++i) {
+      T n = 0, a = 1, b = 1;
+      for (int axis = 0; axis < Dim; ++axis) {
+        n += g_f[axis][i] * g_w[axis][i];
+        a += g_f[axis][i] * g_f[axis][i];
+        b += g_w[axis][i] * g_w[axis][i];
+      }
+      weight[i] = of_own ? of_own[i] : T(1);
+      f_share[i] = n / a;
+      w_share[i] = n / b;
+      unlike[i] = volume * (1 - f_share[i] * w_share[i]);
+      factor[i] = -2 * volume * weight[i] * f_share[i] / b;
+    }
+    const auto put = [&](T* duals, const Arrows& of, const Arrows& other, const T* share) {
+      for (int axis = 0; axis < Dim; ++axis) {
+        T* to = duals + static_cast<std::size_t>(axis) * lattice_.sites() + piece.site;
+#pragma omp simd
+        for (int i = 0; i < piece.length; ++i)
+          to[i] = weight[i] == 0 ? T(0) : factor[i] * (other[axis][i] - share[i] * of[axis][i]);
+      }
+    };
+    put(warped_duals_.data(), g_w, g_f, w_share);
+    if (weight_gradient) {
+      put(fixed_duals_.data(), g_f, g_w, f_share);
+      std::copy_n(unlike, piece.length, weight_gradient + piece.site);
+    }
+    double sum = 0;
+#pragma omp simd reduction(+ : sum)
+    for (int i = 0; i < piece.length; ++i)
+      sum += weight[i] == 0 ? 0.0 : static_cast<double>(weight[i]) * static_cast<double>(unlike[i]);
+    return sum;
+  }
+
+  /// The transpose of `differentiate`, for a piece: writes to `gradient` (unless null), adds to `weight_gradient`.
+  void collect(const Piece& piece, const T* image, const T* weights, const T* duals, double edge, T* gradient,
+               T* weight_gradient) const {
+    const T* of_own = weights ? weights + piece.site : nullptr;
+    const T* own = image + piece.site;
+    T image_part[kLongest] = {}, weight_part[kLongest] = {};
+    for (int axis = 0; axis < Dim; ++axis) {
+      const T half = static_cast<T>(0.5 / (lattice_.spacing[axis] * edge));
+      const T* dual = duals + static_cast<std::size_t>(axis) * lattice_.sites() + piece.site;
+      if (!weights) {
+        // Seen from a neighbour this sample lies the other way.
+        along(axis, piece, [&, dual](int i, std::ptrdiff_t up, std::ptrdiff_t down) {
+          image_part[i] += half * ((down == 0 ? -dual[i] : dual[i + down]) - (up == 0 ? -dual[i] : dual[i + up]));
+        });
+      } else {
+        along(axis, piece, [&, dual](int i, std::ptrdiff_t up, std::ptrdiff_t down) {
+          // What is hidden has duals of 0.
+          const T above = shown(of_own + i, up), below = shown(of_own + i, down);
+          image_part[i] += half * (of_own[i] * ((down == 0 ? T(0) : dual[i + down]) - (up == 0 ? T(0) : dual[i + up])) +
+                                   dual[i] * (below - above));
+        });
+      }
+      if (!weight_gradient) continue;
+      along(axis, piece, [&, dual](int i, std::ptrdiff_t up, std::ptrdiff_t down) {
+        const bool sees_up = up != 0 && (!of_own || of_own[i + up] > 0);
+        const bool sees_down = down != 0 && (!of_own || of_own[i + down] > 0);
+        weight_part[i] += half * ((sees_up ? dual[i + up] * (own[i + up] - own[i]) : T(0)) -
+                                  (sees_down ? dual[i + down] * (own[i + down] - own[i]) : T(0)));
+      });
+    }
+    if (gradient) {
+      T* to = gradient + piece.site;
+#pragma omp simd
+      for (int i = 0; i < piece.length; ++i) to[i] = of_own && of_own[i] == 0 ? T(0) : image_part[i];
+    }
+    if (weight_gradient) {
+      T* to = weight_gradient + piece.site;
+#pragma omp simd
+      for (int i = 0; i < piece.length; ++i) to[i] += weight_part[i];
+    }
   }
 
   /// Gradients below this are noise, or small against what the image has elsewhere.
@@ -148,15 +217,29 @@ class GradientFields final : public Similarity<Dim, T> {
     if (given_edge_ > 0) return given_edge_;
     double per_mm2 = 0;  // mean square of the difference quotients of unit noise
     for (int axis = 0; axis < Dim; ++axis)
-      if (lattice_.size[axis] > 1) per_mm2 += 2 * half_[axis] * half_[axis];
+      if (lattice_.size[axis] > 1) per_mm2 += 0.5 / (lattice_.spacing[axis] * lattice_.spacing[axis]);
     const double noise = kNoise * noise_sd<Dim>(lattice_, image, weights) * std::sqrt(per_mm2);
-    const auto shown = [&](std::size_t site) { return weights ? double(weights[site]) : 1.0; };
-    const double seen = ordered_rows([&](const Index<Dim>&, std::size_t site) { return shown(site); });
+    const auto weight = [&](const Piece& piece, int i) {
+      return weights ? static_cast<double>(weights[piece.site + static_cast<std::size_t>(i)]) : 1.0;
+    };
+    const double seen = sum_of_pieces([&](const Piece& piece) {
+      double sum = 0;
+      for (int i = 0; i < piece.length; ++i) sum += weight(piece, i);
+      return sum;
+    });
     if (!(seen > 0)) return 0;
-    const double mean = ordered_rows([&](const Index<Dim>& index, std::size_t site) {
-                          if (shown(site) == 0) return 0.0;
-                          const Arrow<Dim> g = difference(image, weights, index, site);
-                          return shown(site) * std::sqrt(dot<Dim>(g, g));
+    const double mean = sum_of_pieces([&](const Piece& piece) {
+                          Arrows arrows;
+                          differentiate(piece, image, weights, 1, arrows);
+                          double sum = 0;
+                          for (int i = 0; i < piece.length; ++i) {
+                            if (weight(piece, i) == 0) continue;
+                            double square = 0;
+                            for (int axis = 0; axis < Dim; ++axis)
+                              square += static_cast<double>(arrows[axis][i]) * static_cast<double>(arrows[axis][i]);
+                            sum += weight(piece, i) * std::sqrt(square);
+                          }
+                          return sum;
                         }) /
                         seen;
     return std::sqrt(noise * noise + kFloor * kFloor * mean * mean);
@@ -167,11 +250,8 @@ class GradientFields final : public Similarity<Dim, T> {
 
   Lattice<Dim> lattice_;
   double given_edge_;
-  std::array<std::ptrdiff_t, Dim> stride_;
-  std::array<double, Dim> half_;  ///< 1 / (2 spacing)
-  double fixed_edge2_ = 0, warped_edge2_ = 0;
-  bool is_prepared_ = false;
-  Field<T> warped_duals_, fixed_duals_;
+  double fixed_edge_ = 0, warped_edge_ = 0;  ///< 0 before `prepare`
+  Field<T> warped_duals_, fixed_duals_;      ///< component after component
 };
 
 }  // namespace
