@@ -51,7 +51,7 @@ struct AveragedWendland {
     return {r, near_end, positive_part<V>(T(1) - magnitude(near_end)),
             positive_part<V>((T(1) - half * per_sigma) - away * per_sigma)};
   }
-  /// V / value_scale and S / slope_scale.
+  /// V / value_scale and S / slope_scale. What is left of 1 is never below 0, so that its sign may be flipped.
   template <class V>
   [[gnu::always_inline]] V value_shape(const Ends<V>& at) const {
     return (T(1) - at.far * at.far * at.far) - with_sign_flipped<V>(T(1) - at.near * at.near * at.near, at.near_end);

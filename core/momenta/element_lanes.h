@@ -189,8 +189,9 @@ template <int Dim, class T, class Lanes>
         most[of_pair] = most[of_pair] < to ? most[of_pair] : to;
       }
     }
-    // Of each row the sites from the first within reach to the last. Rounding may take one at its ends away, where the
-    // shape is next to nothing.
+    // Of each row the sites from the first within reach (or a thousandth of a site beyond it) to the last. Rounding may
+    // take one at its ends away, where the shape is next to nothing. A row without any may still make its pair a site
+    // longer.
     for (int of_pair = 0; of_pair < 2; ++of_pair) {
       const WholePairs is_there = least[of_pair] <= most[of_pair] + 1;
       least[of_pair] = is_there ? least[of_pair] : Pairs{} + (high_x + 1);

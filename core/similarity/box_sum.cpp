@@ -31,12 +31,57 @@ void add_running_sums(int length, int radius, std::size_t any_width, const T* in
   }
 }
 
+/// Boxes of up to so many samples on either side are summed anew: less work than to convert what enters and leaves, and
+/// too few terms for a float sum to lose anything.
+constexpr int kFewAside = 2;
+
+/// to[k] = sum over i < terms of from[k + i * apart]
+template <class T>
+void sum_few(int terms, std::size_t apart, std::size_t width, const T* from, T* to) {
+  if (terms == 1) {
+    std::copy_n(from, width, to);
+  } else if (terms == 2) {
+#pragma omp simd
+    for (std::size_t k = 0; k < width; ++k) to[k] = from[k] + from[k + apart];
+  } else {
+#pragma omp simd
+    for (std::size_t k = 0; k < width; ++k) to[k] = from[k] + from[k + apart] + from[k + 2 * apart];
+  }
+  for (int i = 3; i < terms; ++i) {
+    const T* next = from + static_cast<std::size_t>(i) * apart;
+#pragma omp simd
+    for (std::size_t k = 0; k < width; ++k) to[k] += next[k];
+  }
+}
+
+/// Along lines of samples with `channels` values each, which follow each other.
+template <class T>
+void sum_few_along(int length, int radius, std::size_t channels, const T* in, T* out) {
+  const auto put = [&](int from, int to) {  // of samples that see as many others as the first of them
+    const int first = std::max(0, from - radius), last = std::min(length - 1, from + radius);
+    sum_few(last - first + 1, channels, static_cast<std::size_t>(to - from) * channels,
+            in + static_cast<std::size_t>(first) * channels, out + static_cast<std::size_t>(from) * channels);
+  };
+  const int begin = std::min(radius, length), end = std::max(begin, length - radius);
+  for (int i = 0; i < begin; ++i) put(i, i + 1);
+  if (begin < end) put(begin, end);
+  for (int i = end; i < length; ++i) put(i, i + 1);
+}
+
 }  // namespace
 
 template <class T>
 void box_sum_rows(int length, int radius, std::size_t width, const T* in, std::size_t in_stride, T* out,
                   std::size_t out_stride) {
   radius = std::min(radius, length - 1);
+  if (radius <= kFewAside) {
+    for (int i = 0; i < length; ++i) {
+      const int first = std::max(0, i - radius), last = std::min(length - 1, i + radius);
+      sum_few(last - first + 1, in_stride, width, in + static_cast<std::size_t>(first) * in_stride,
+              out + static_cast<std::size_t>(i) * out_stride);
+    }
+    return;
+  }
   if (width == 6) return add_running_sums<6>(length, radius, width, in, in_stride, out, out_stride);
   if (width == 3) return add_running_sums<3>(length, radius, width, in, in_stride, out, out_stride);
   for (std::size_t begin = 0; begin < width; begin += kStrip)
@@ -57,11 +102,15 @@ void BoxSum<Dim, T>::apply(int channels, T* field) {
       const std::size_t outer = count / (inner * static_cast<std::size_t>(length));
       // Lines along x are short rows of `channels`; along other axes whole rows run together, in strips.
       const std::size_t strips = (inner + kStrip - 1) / kStrip;
+      const bool are_few_along_x = axis == 0 && strips == 1 && radius_[axis] <= kFewAside;
 #pragma omp parallel for collapse(2) schedule(static)
       for (std::size_t o = 0; o < outer; ++o)
         for (std::size_t part = 0; part < strips; ++part) {
           const std::size_t begin = part * kStrip, at = o * inner * static_cast<std::size_t>(length) + begin;
-          box_sum_rows(length, radius_[axis], std::min(kStrip, inner - begin), in + at, inner, out + at, inner);
+          if (are_few_along_x)
+            sum_few_along(length, radius_[axis], inner, in + at, out + at);
+          else
+            box_sum_rows(length, radius_[axis], std::min(kStrip, inner - begin), in + at, inner, out + at, inner);
         }
       std::swap(in, out);
     }

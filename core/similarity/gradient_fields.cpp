@@ -3,8 +3,8 @@
 #include <stdexcept>
 
 #include "core/grid/noise.h"
+#include "core/similarity/row_pieces.h"
 #include "core/similarity/similarity.h"
-#include "core/support/thread_count.h"
 
 namespace saltus {
 namespace {
@@ -33,9 +33,9 @@ class GradientFields final : public Similarity<Dim, T> {
     if (fixed_edge_ == 0) throw std::logic_error("normalised gradient fields are evaluated before prepare");
     warped_duals_.resize(Dim * lattice_.sites());
     if (weight_gradient) fixed_duals_.resize(Dim * lattice_.sites());
-    const double energy =
-        sum_of_pieces([&](const Piece& piece) { return compare(piece, fixed, warped, weights, weight_gradient); });
-    sum_of_pieces([&](const Piece& piece) {
+    const double energy = sum_of_pieces(
+        lattice_, [&](const Piece& piece) { return compare(piece, fixed, warped, weights, weight_gradient); });
+    sum_of_pieces(lattice_, [&](const Piece& piece) {
       collect(piece, warped, weights, warped_duals_.data(), warped_edge_, gradient, weight_gradient);
       if (weight_gradient) collect(piece, fixed, weights, fixed_duals_.data(), fixed_edge_, nullptr, weight_gradient);
       return 0.0;
@@ -44,59 +44,24 @@ class GradientFields final : public Similarity<Dim, T> {
   }
 
  private:
-  static constexpr int kLongest = 128;  ///< of a piece
-
-  /// Samples that follow each other along x, and how far their neighbours along an axis are: 0 beyond the border. Along
-  /// x that is meant for the first sample (down) and the last one (up) alone.
-  struct Piece {
-    std::size_t site;
-    int length;
-    std::array<std::ptrdiff_t, Dim> up, down;
-  };
+  using Piece = RowPiece<Dim>;
   /// A value for each sample of a piece and each axis.
-  using Arrows = T[Dim][kLongest];
-
-  /// Sum of term(piece), slab by slab, in an order that does not depend on the number of threads.
-  template <class Term>
-  double sum_of_pieces(Term&& term) const {
-    const Index<Dim>& size = lattice_.size;
-    const int rows = Dim == 3 ? size[1] : 1, slabs = size[Dim - 1];
-    std::vector<double> sums(static_cast<std::size_t>(slabs));
-#pragma omp parallel for schedule(static) if (is_worth_threads(lattice_.sites()))
-    for (int slab = 0; slab < slabs; ++slab)
-      for (int row = 0; row < rows; ++row) {
-        Index<Dim> index{};
-        index[Dim - 1] = slab;
-        if (Dim == 3) index[1] = row;
-        for (int x = 0; x < size[0]; x += kLongest) {
-          Piece piece{static_cast<std::size_t>(x), std::min(kLongest, size[0] - x), {}, {}};
-          std::ptrdiff_t stride = 1;
-          for (int axis = 0; axis < Dim; ++axis) {
-            const int last = axis == 0 ? x + piece.length - 1 : index[axis];
-            piece.up[axis] = last + 1 < size[axis] ? stride : 0;
-            piece.down[axis] = (axis == 0 ? x : index[axis]) > 0 ? -stride : 0;
-            piece.site += static_cast<std::size_t>(index[axis] * stride);
-            stride *= size[axis];
-          }
-          sums[static_cast<std::size_t>(slab)] += term(piece);
-        }
-      }
-    double sum = 0;
-    for (double part : sums) sum += part;
-    return sum;
-  }
+  using Arrows = T[Dim][kLongestPiece];
 
   /// visit(i, up, down) for the samples of a piece: how far the neighbours of sample i along the axis are, 0 beyond the
   /// border. Those in the middle in lanes.
   template <class Visit>
-  [[gnu::always_inline]] static void along(int axis, const Piece& piece, Visit&& visit) {
-    const std::ptrdiff_t up = piece.up[axis], down = piece.down[axis];
+  [[gnu::always_inline]] void along(int axis, const Piece& piece, Visit&& visit) const {
+    const int last = piece.length - 1;
+    std::ptrdiff_t stride = 1;
+    for (int a = 0; a < axis; ++a) stride *= lattice_.size[a];
+    const int begin = piece.first[axis], end = axis == 0 ? begin + last : begin;
+    const std::ptrdiff_t up = end + 1 < lattice_.size[axis] ? stride : 0, down = begin > 0 ? -stride : 0;
     if (axis > 0) {
 #pragma omp simd
       for (int i = 0; i < piece.length; ++i) visit(i, up, down);
       return;
     }
-    const int last = piece.length - 1;
     visit(0, last > 0 ? 1 : up, down);
 #pragma omp simd
     for (int i = 1; i < last; ++i) visit(i, 1, -1);
@@ -135,7 +100,8 @@ class GradientFields final : public Similarity<Dim, T> {
     differentiate(piece, warped, weights, warped_edge_, g_w);
     const T volume = static_cast<T>(lattice_.cell_volume());
     const T* of_own = weights ? weights + piece.site : nullptr;
-    T unlike[kLongest], weight[kLongest], factor[kLongest], f_share[kLongest], w_share[kLongest];
+    T unlike[kLongestPiece], weight[kLongestPiece], factor[kLongestPiece], f_share[kLongestPiece],
+        w_share[kLongestPiece];
 #pragma omp simd
     for (int i = 0; i < piece.length; ++i) {
       T n = 0, a = 1, b = 1;
@@ -175,7 +141,7 @@ class GradientFields final : public Similarity<Dim, T> {
                T* weight_gradient) const {
     const T* of_own = weights ? weights + piece.site : nullptr;
     const T* own = image + piece.site;
-    T image_part[kLongest] = {}, weight_part[kLongest] = {};
+    T image_part[kLongestPiece] = {}, weight_part[kLongestPiece] = {};
     for (int axis = 0; axis < Dim; ++axis) {
       const T half = static_cast<T>(0.5 / (lattice_.spacing[axis] * edge));
       const T* dual = duals + static_cast<std::size_t>(axis) * lattice_.sites() + piece.site;
@@ -222,26 +188,28 @@ class GradientFields final : public Similarity<Dim, T> {
     const auto weight = [&](const Piece& piece, int i) {
       return weights ? static_cast<double>(weights[piece.site + static_cast<std::size_t>(i)]) : 1.0;
     };
-    const double seen = sum_of_pieces([&](const Piece& piece) {
+    const double seen = sum_of_pieces(lattice_, [&](const Piece& piece) {
       double sum = 0;
       for (int i = 0; i < piece.length; ++i) sum += weight(piece, i);
       return sum;
     });
     if (!(seen > 0)) return 0;
-    const double mean = sum_of_pieces([&](const Piece& piece) {
-                          Arrows arrows;
-                          differentiate(piece, image, weights, 1, arrows);
-                          double sum = 0;
-                          for (int i = 0; i < piece.length; ++i) {
-                            if (weight(piece, i) == 0) continue;
-                            double square = 0;
-                            for (int axis = 0; axis < Dim; ++axis)
-                              square += static_cast<double>(arrows[axis][i]) * static_cast<double>(arrows[axis][i]);
-                            sum += weight(piece, i) * std::sqrt(square);
-                          }
-                          return sum;
-                        }) /
-                        seen;
+    const double mean =
+        sum_of_pieces(lattice_,
+                      [&](const Piece& piece) {
+                        Arrows arrows;
+                        differentiate(piece, image, weights, 1, arrows);
+                        double sum = 0;
+                        for (int i = 0; i < piece.length; ++i) {
+                          if (weight(piece, i) == 0) continue;
+                          double square = 0;
+                          for (int axis = 0; axis < Dim; ++axis)
+                            square += static_cast<double>(arrows[axis][i]) * static_cast<double>(arrows[axis][i]);
+                          sum += weight(piece, i) * std::sqrt(square);
+                        }
+                        return sum;
+                      }) /
+        seen;
     return std::sqrt(noise * noise + kFloor * kFloor * mean * mean);
   }
 

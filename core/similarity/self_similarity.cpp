@@ -4,9 +4,10 @@
 
 #include "core/grid/noise.h"
 #include "core/similarity/box_sum.h"
+#include "core/similarity/row_pieces.h"
 #include "core/similarity/similarity.h"
+#include "core/support/exponential.h"
 #include "core/support/free_memory.h"
-#include "core/support/reduction.h"
 
 namespace saltus {
 namespace {
@@ -58,7 +59,8 @@ std::vector<Direction<Dim>> directions(const Lattice<Dim>& lattice, const Index<
 /// Patch distances B_v(y) = (1 / n) sum over the box at y of e_v (I(z) - I(z + v))^2 with e_v = weight(z) weight(z + v)
 /// and n the samples of a whole box; D_k(x) = B_v(x + p), but 0 unless x + p and x + q are on the lattice;
 ///     S_k = exp(-D_k / (mean(D) + floor)),   E = V sum of weight mean_k (S_k of warped - S_k of fixed)^2.
-/// The adjoint goes back through S, D, the box (its own transpose) and the differences.
+/// The adjoint goes back through S, D, the box (its own transpose) and the differences. Fields of B, D and S lie one
+/// after the other, so that a piece of a row meets its neighbours in lanes.
 template <int Dim, class T>
 class SelfSimilarity final : public Similarity<Dim, T> {
  public:
@@ -72,9 +74,6 @@ class SelfSimilarity final : public Similarity<Dim, T> {
     inverse_patch_ = 1;
     for (int axis = 0; axis < Dim; ++axis)
       if (lattice.size[axis] > 1) inverse_patch_ /= 2 * radius_[axis] + 1;
-    margin_ = in_samples(lattice, step_mm, 1);
-    for (int axis = 0; axis < Dim; ++axis)
-      if (lattice.size[axis] <= margin_[axis]) margin_[axis] = 0;  // no direction goes along this axis
     for (const Direction<Dim>& direction : directions_) {
       along_.push_back(offset(direction.v));
       for (const Index<Dim>& place : direction.place) places_.push_back(offset(place));
@@ -125,35 +124,31 @@ class SelfSimilarity final : public Similarity<Dim, T> {
 
   int pairs() const { return 2 * fields_; }
 
-  /// Calls visit(index, site) for all sites, slabs in parallel, and sums what it returns in the order of the slabs.
-  template <class Visit>
-  double ordered_slabs(Visit&& visit) const {
-    std::vector<double> sums(lattice_.size[Dim - 1]);
-#pragma omp parallel for schedule(static)
-    for (int slab = 0; slab < lattice_.size[Dim - 1]; ++slab) {
-      double sum = 0;
-      visit_slab<Dim>(lattice_, slab, [&](const Index<Dim>& index, std::size_t site) { sum += visit(index, site); });
-      sums[slab] = sum;
-    }
-    double sum = 0;
-    for (double part : sums) sum += part;
-    return sum;
-  }
+  using Piece = RowPiece<Dim>;
+  /// A value for each pair and sample of a piece.
+  using PairRows = T[kMostPairs + 2][kLongestPiece];
 
-  /// Far enough from the border for every pair and every difference to be on the lattice.
-  bool is_inside(const Index<Dim>& index) const {
-    for (int axis = 0; axis < Dim; ++axis)
-      if (index[axis] < margin_[axis] || index[axis] >= lattice_.size[axis] - margin_[axis]) return false;
-    return true;
-  }
-
-  /// Whether index + sign * by is on the lattice.
-  bool reaches(const Index<Dim>& index, const Index<Dim>& by, int sign) const {
-    for (int axis = 0; axis < Dim; ++axis) {
-      const int at = index[axis] + sign * by[axis];
-      if (at < 0 || at >= lattice_.size[axis]) return false;
+  /// Samples [begin, end) of a piece.
+  struct Span {
+    int begin, end;
+  };
+  /// Those that lie on the lattice when moved by sign * by.
+  Span reaching(const Piece& piece, const Index<Dim>& by, int sign) const {
+    for (int axis = 1; axis < Dim; ++axis) {
+      const int at = piece.first[axis] + sign * by[axis];
+      if (at < 0 || at >= lattice_.size[axis]) return {0, 0};
     }
-    return true;
+    const int moved = piece.first[0] + sign * by[0], begin = std::clamp(-moved, 0, piece.length);
+    return {begin, std::clamp(lattice_.size[0] - moved, begin, piece.length)};
+  }
+  static Span common(const Span& a, const Span& b) {
+    const int begin = std::max(a.begin, b.begin);
+    return {begin, std::max(begin, std::min(a.end, b.end))};
+  }
+  /// Those for which pair k is on the lattice.
+  Span whole(const Piece& piece, int k) const {
+    const Direction<Dim>& direction = directions_[static_cast<std::size_t>(k / 2)];
+    return common(reaching(piece, direction.place[k % 2], 1), reaching(piece, direction.end[k % 2], 1));
   }
 
   std::ptrdiff_t offset(const Index<Dim>& by) const {
@@ -166,96 +161,142 @@ class SelfSimilarity final : public Similarity<Dim, T> {
     return sum;
   }
 
-  /// B_v at every site, fields together.
+  /// B_v at every site.
   void patch_distances(const T* image, const T* weights, std::vector<T>& distances) {
-    distances.resize(sites_ * fields_);
+    distances.resize(sites_ * static_cast<std::size_t>(fields_));
     const T scale = static_cast<T>(inverse_patch_);
-    ordered_slabs([&](const Index<Dim>& index, std::size_t site) {
-      const bool inside = is_inside(index);
-      for (int j = 0; j < fields_; ++j) {
-        T& distance = distances[site * fields_ + j];
-        distance = 0;
-        if (!inside && !reaches(index, directions_[j].v, 1)) continue;
-        const std::size_t other = site + static_cast<std::size_t>(along_[j]);
-        const T shown = weights ? weights[site] * weights[other] : T(1);
-        if (shown == 0) continue;  // not a product with 0: what is hidden may be NaN
-        const T difference = image[site] - image[other];
-        distance = scale * shown * difference * difference;
+    sum_of_pieces(lattice_, [&](const Piece& piece) {
+      const T* own = image + piece.site;
+      for (std::size_t j = 0; j < directions_.size(); ++j) {
+        T* to = distances.data() + j * sites_ + piece.site;
+        const Span span = reaching(piece, directions_[j].v, 1);
+        const T* other = own + along_[j];
+        std::fill(to, to + span.begin, T(0));
+        std::fill(to + span.end, to + piece.length, T(0));
+        if (weights) {
+          const T *of_own = weights + piece.site, *of_other = of_own + along_[j];
+#pragma omp simd
+          for (int i = span.begin; i < span.end; ++i) {
+            const T shown = of_own[i] * of_other[i], difference = own[i] - other[i];
+            // Not a product with 0: what is hidden may be NaN.
+            to[i] = shown == 0 ? T(0) : scale * shown * difference * difference;
+          }
+        } else {
+#pragma omp simd
+          for (int i = span.begin; i < span.end; ++i) {
+            const T difference = own[i] - other[i];
+            to[i] = scale * difference * difference;
+          }
+        }
       }
       return 0.0;
     });
-    box_.apply(fields_, distances.data());
+    for (std::size_t j = 0; j < directions_.size(); ++j) box_.apply(1, distances.data() + j * sites_);
   }
 
-  /// The distances of the pairs of one sample; gives their mean.
-  T gather(const std::vector<T>& distances, const Index<Dim>& index, std::size_t site, T* d) const {
-    // Rounding in running sums may leave less than 0 where there is nothing.
-    const bool inside = is_inside(index);
-    T sum = 0;
+  /// The distances of the pairs of each sample, and 1 / (their mean + floor).
+  void gather(const std::vector<T>& distances, const Piece& piece, double floor, PairRows& d, T* inverse) const {
+    T sum[kLongestPiece] = {};
     for (int k = 0; k < pairs(); ++k) {
-      const Direction<Dim>& direction = directions_[k / 2];
-      const bool is_whole =
-          inside || (reaches(index, direction.place[k % 2], 1) && reaches(index, direction.end[k % 2], 1));
-      const T distance = is_whole ? distances[(site + static_cast<std::size_t>(places_[k])) * fields_ + k / 2] : T(0);
-      d[k] = distance < 0 ? T(0) : distance;  // what is no number stays that
-      sum += d[k];
+      const Span span = whole(piece, k);
+      const T* from = distances.data() + static_cast<std::size_t>(k / 2) * sites_ + piece.site + places_[k];
+      T* to = d[k];
+      std::fill(to, to + span.begin, T(0));
+      std::fill(to + span.end, to + piece.length, T(0));
+#pragma omp simd
+      for (int i = span.begin; i < span.end; ++i) {
+        // Rounding in running sums may leave less than 0 where there is nothing; what is no number stays that.
+        to[i] = from[i] < 0 ? T(0) : from[i];
+        sum[i] += to[i];
+      }
     }
-    return sum / static_cast<T>(pairs());
+    const T share = 1 / static_cast<T>(pairs()), least = static_cast<T>(floor);
+#pragma omp simd
+    for (int i = 0; i < piece.length; ++i) inverse[i] = 1 / (sum[i] * share + least);
   }
 
   void describe(const std::vector<T>& distances, double floor, std::vector<T>& context) {
-    context.resize(sites_ * pairs());
-    ordered_slabs([&](const Index<Dim>& index, std::size_t site) {
-      T* s = context.data() + site * pairs();
-      const T inverse = 1 / (gather(distances, index, site, s) + static_cast<T>(floor));
-      for (int k = 0; k < pairs(); ++k) s[k] = std::exp(-s[k] * inverse);
+    context.resize(sites_ * static_cast<std::size_t>(pairs()));
+    sum_of_pieces(lattice_, [&](const Piece& piece) {
+      PairRows d;
+      T inverse[kLongestPiece];
+      gather(distances, piece, floor, d, inverse);
+      for (int k = 0; k < pairs(); ++k) {
+        T* to = context.data() + static_cast<std::size_t>(k) * sites_ + piece.site;
+#pragma omp simd
+        for (int i = 0; i < piece.length; ++i) to[i] = exponential(-d[k][i] * inverse[i]);
+      }
       return 0.0;
     });
   }
 
-  /// dE/dS to dE/dD of one sample, in place: dS_k/dD_l = S_k ( D_k / (V^2 K) - [k = l] / V ), V = mean(D) + floor.
-  void back_to_distances(const T* s, const T* d, T inverse, T* dual) const {
-    T sum = 0;
+  /// dE/dS, times S, to dE/dD: dS_k/dD_l = S_k ( D_k / (V^2 K) - [k = l] / V ), V = mean(D) + floor.
+  void put_duals(const Piece& piece, const PairRows& d, const T* inverse, const PairRows& by_descriptor,
+                 std::vector<T>& duals) const {
+    T sum[kLongestPiece] = {};
+    for (int k = 0; k < pairs(); ++k)
+#pragma omp simd
+      for (int i = 0; i < piece.length; ++i) sum[i] += by_descriptor[k][i] * d[k][i];
+    const T share = 1 / static_cast<T>(pairs());
+#pragma omp simd
+    for (int i = 0; i < piece.length; ++i) sum[i] *= inverse[i] * inverse[i] * share;
     for (int k = 0; k < pairs(); ++k) {
-      dual[k] *= s[k];
-      sum += dual[k] * d[k];
+      T* to = duals.data() + static_cast<std::size_t>(k) * sites_ + piece.site;
+#pragma omp simd
+      for (int i = 0; i < piece.length; ++i) to[i] = sum[i] - by_descriptor[k][i] * inverse[i];
     }
-    sum *= inverse * inverse / static_cast<T>(pairs());
-    for (int k = 0; k < pairs(); ++k) dual[k] = sum - dual[k] * inverse;
+  }
+  void put_no_duals_where_hidden(const Piece& piece, const T* weights, std::vector<T>& duals) const {
+    for (int k = 0; k < pairs(); ++k) {
+      T* to = duals.data() + static_cast<std::size_t>(k) * sites_ + piece.site;
+#pragma omp simd
+      for (int i = 0; i < piece.length; ++i) to[i] = weights[piece.site + i] == 0 ? T(0) : to[i];
+    }
   }
 
   /// Returns E and leaves dE/dD in warped_duals_ and, when asked for, in fixed_duals_.
   double compare(const T* weights, T* weight_gradient) {
-    warped_duals_.resize(sites_ * pairs());
-    if (weight_gradient) fixed_duals_.resize(sites_ * pairs());
+    const std::size_t all = sites_ * static_cast<std::size_t>(pairs());
+    warped_duals_.resize(all);
+    if (weight_gradient) fixed_duals_.resize(all);
     const T volume = static_cast<T>(lattice_.cell_volume()), share = 1 / static_cast<T>(pairs());
-    return ordered_slabs([&](const Index<Dim>& index, std::size_t site) {
-      T* dual = warped_duals_.data() + site * pairs();
-      T* fixed_dual = weight_gradient ? fixed_duals_.data() + site * pairs() : nullptr;
-      const T weight = weights ? weights[site] : T(1);
-      if (weight == 0 && !weight_gradient) {
-        std::fill_n(dual, pairs(), T(0));
-        return 0.0;
-      }
-      const T* f = context_.data() + site * pairs();
-      T d[kMostPairs + 2], s[kMostPairs + 2];
-      const T inverse = 1 / (gather(warped_distances_, index, site, d) + static_cast<T>(warped_floor_));
-      T squares = 0;
+    return sum_of_pieces(lattice_, [&](const Piece& piece) {
+      PairRows d, dual;
+      T inverse[kLongestPiece], squares[kLongestPiece] = {}, weight[kLongestPiece];
+      gather(warped_distances_, piece, warped_floor_, d, inverse);
+      for (int i = 0; i < piece.length; ++i) weight[i] = weights ? weights[piece.site + i] : T(1);
       for (int k = 0; k < pairs(); ++k) {
-        s[k] = std::exp(-d[k] * inverse);
-        const T difference = s[k] - f[k];
-        squares += difference * difference;
-        dual[k] = 2 * volume * weight * share * difference;
+        const T* f = context_.data() + static_cast<std::size_t>(k) * sites_ + piece.site;
+#pragma omp simd
+        for (int i = 0; i < piece.length; ++i) {
+          const T s = exponential(-d[k][i] * inverse[i]), difference = s - f[i];
+          squares[i] += difference * difference;
+          dual[k][i] = 2 * volume * share * weight[i] * difference * s;
+        }
       }
+      put_duals(piece, d, inverse, dual, warped_duals_);
+      if (weights) put_no_duals_where_hidden(piece, weights, warped_duals_);
       if (weight_gradient) {
-        weight_gradient[site] = volume * share * squares;
-        for (int k = 0; k < pairs(); ++k) fixed_dual[k] = -dual[k];
-        T d_fixed[kMostPairs + 2];
-        const T mean = gather(fixed_distances_, index, site, d_fixed);
-        back_to_distances(f, d_fixed, 1 / (mean + static_cast<T>(fixed_floor_)), fixed_dual);
+        // The same difference with the other sign, and the fixed image's S for the warped one's.
+        T s[kLongestPiece];
+        for (int k = 0; k < pairs(); ++k) {
+          const T* f = context_.data() + static_cast<std::size_t>(k) * sites_ + piece.site;
+#pragma omp simd
+          for (int i = 0; i < piece.length; ++i) {
+            s[i] = exponential(-d[k][i] * inverse[i]);
+            dual[k][i] = -2 * volume * share * weight[i] * (s[i] - f[i]) * f[i];
+          }
+        }
+        gather(fixed_distances_, piece, fixed_floor_, d, inverse);
+        put_duals(piece, d, inverse, dual, fixed_duals_);
+        if (weights) put_no_duals_where_hidden(piece, weights, fixed_duals_);
+        for (int i = 0; i < piece.length; ++i) weight_gradient[piece.site + i] = volume * share * squares[i];
       }
-      back_to_distances(s, d, inverse, dual);
-      return static_cast<double>(volume) * weight * share * squares;
+      double sum = 0;
+#pragma omp simd reduction(+ : sum)
+      for (int i = 0; i < piece.length; ++i)
+        sum += weight[i] == 0 ? 0.0 : static_cast<double>(volume * share * weight[i] * squares[i]);
+      return sum;
     });
   }
 
@@ -263,36 +304,49 @@ class SelfSimilarity final : public Similarity<Dim, T> {
   void back_to_image(const T* image, const T* weights, std::vector<T>& distances, const std::vector<T>& duals,
                      T* gradient, T* weight_gradient) {
     const T scale = static_cast<T>(inverse_patch_);
-    ordered_slabs([&](const Index<Dim>& index, std::size_t site) {
-      const bool inside = is_inside(index);
-      for (int j = 0; j < fields_; ++j) {
-        T sum = 0;
-        if (inside || reaches(index, directions_[j].v, 1))
-          for (int k = 2 * j; k < 2 * j + 2; ++k)
-            if (inside || reaches(index, directions_[j].place[k % 2], -1))
-              sum += duals[(site - static_cast<std::size_t>(places_[k])) * pairs() + k];
-        distances[site * fields_ + j] = scale * sum;
+    sum_of_pieces(lattice_, [&](const Piece& piece) {
+      for (std::size_t j = 0; j < directions_.size(); ++j) {
+        T* to = distances.data() + j * sites_ + piece.site;
+        std::fill_n(to, piece.length, T(0));
+        const Span there = reaching(piece, directions_[j].v, 1);
+        for (std::size_t side = 0; side < 2; ++side) {
+          const std::size_t k = 2 * j + side;
+          const Span span = common(there, reaching(piece, directions_[j].place[side], -1));
+          const T* dual = duals.data() + k * sites_ + piece.site - places_[k];
+#pragma omp simd
+          for (int i = span.begin; i < span.end; ++i) to[i] += scale * dual[i];
+        }
       }
       return 0.0;
     });
-    box_.apply(fields_, distances.data());
-    ordered_slabs([&](const Index<Dim>& index, std::size_t site) {
-      const T weight = weights ? weights[site] : T(1);
-      if (weight == 0 && !weight_gradient) return 0.0;
-      const bool inside = is_inside(index);
-      T image_part = 0, weight_part = 0;
-      for (int j = 0; j < fields_; ++j)
+    for (std::size_t j = 0; j < directions_.size(); ++j) box_.apply(1, distances.data() + j * sites_);
+    sum_of_pieces(lattice_, [&](const Piece& piece) {
+      const T *own = image + piece.site, *of_own = weights ? weights + piece.site : nullptr;
+      T image_part[kLongestPiece] = {}, weight_part[kLongestPiece] = {};
+      for (std::size_t j = 0; j < directions_.size(); ++j)
         for (int sign : {1, -1}) {  // the difference that starts here, and the one that ends here
-          if (!inside && !reaches(index, directions_[j].v, sign)) continue;
-          const std::size_t other = site + static_cast<std::size_t>(sign * along_[j]);
-          const T shown = weights ? weights[other] : T(1);
-          if (shown == 0) continue;
-          const T part = shown * (image[site] - image[other]) * distances[(sign > 0 ? site : other) * fields_ + j];
-          image_part += part;
-          weight_part += part * (image[site] - image[other]);
+          const Span span = reaching(piece, directions_[j].v, sign);
+          const std::ptrdiff_t far = sign * along_[j];
+          const T* distance = distances.data() + j * sites_ + piece.site + (sign > 0 ? 0 : far);
+          const auto add = [&](auto&& shown) {
+#pragma omp simd
+            for (int i = span.begin; i < span.end; ++i) {
+              const T seen = shown(i), difference = own[i] - own[i + far];
+              const T part = seen == 0 ? T(0) : seen * difference * distance[i];
+              image_part[i] += part;
+              weight_part[i] += seen == 0 ? T(0) : part * difference;
+            }
+          };
+          if (of_own)
+            add([of_own, far](int i) { return of_own[i + far]; });
+          else
+            add([](int) { return T(1); });
         }
-      if (gradient) gradient[site] = weight == 0 ? T(0) : 2 * weight * image_part;
-      if (weight_gradient) weight_gradient[site] += weight_part;
+      for (int i = 0; gradient && i < piece.length; ++i) {
+        const T weight = of_own ? of_own[i] : T(1);
+        gradient[piece.site + i] = weight == 0 ? T(0) : 2 * weight * image_part[i];
+      }
+      for (int i = 0; weight_gradient && i < piece.length; ++i) weight_gradient[piece.site + i] += weight_part[i];
       return 0.0;
     });
   }
@@ -300,15 +354,24 @@ class SelfSimilarity final : public Similarity<Dim, T> {
   /// Distances below this are noise, or small against what the image has elsewhere.
   double floor_of(const T* image, const T* weights) {
     patch_distances(image, weights, warped_distances_);
-    T d[kMostPairs + 2];
-    double sum = 0, seen = 0;
-    for (int slab = 0; slab < lattice_.size[Dim - 1]; ++slab)
-      visit_slab<Dim>(lattice_, slab, [&](const Index<Dim>& index, std::size_t site) {
-        const double weight = weights ? double(weights[site]) : 1.0;
-        if (weight == 0) return;
-        sum += weight * gather(warped_distances_, index, site, d);
-        seen += weight;
-      });
+    const auto weight = [&](const Piece& piece, int i) {
+      return weights ? static_cast<double>(weights[piece.site + static_cast<std::size_t>(i)]) : 1.0;
+    };
+    const double seen = sum_of_pieces(lattice_, [&](const Piece& piece) {
+      double sum = 0;
+      for (int i = 0; i < piece.length; ++i) sum += weight(piece, i);
+      return sum;
+    });
+    const double sum = sum_of_pieces(lattice_, [&](const Piece& piece) {
+      PairRows d;
+      T inverse[kLongestPiece];
+      gather(warped_distances_, piece, 0, d, inverse);
+      double of_piece = 0;
+      for (int i = 0; i < piece.length; ++i)
+        for (int k = 0; weight(piece, i) > 0 && k < pairs(); ++k)
+          of_piece += weight(piece, i) * static_cast<double>(d[k][i]);
+      return of_piece / pairs();
+    });
     const double noise = noise_sd<Dim>(lattice_, image, weights);
     return seen > 0 ? 2 * noise * noise + kFloor * sum / seen : 0;
   }
@@ -320,7 +383,6 @@ class SelfSimilarity final : public Similarity<Dim, T> {
   Index<Dim> radius_;
   BoxSum<Dim, T> box_;
   double inverse_patch_;
-  Index<Dim> margin_;
   std::vector<std::ptrdiff_t> along_, places_;  ///< from a site to its partner, and to where a pair is read
   double fixed_floor_ = 0, warped_floor_ = 0;
   bool is_prepared_ = false;

@@ -104,7 +104,7 @@ template <class T>
 #endif
 
 /// By set of eight words (a bit for each): which words are in it, rising, four bits for each.
-constexpr std::array<std::uint32_t, 256> kWordsOfSet = [] {
+inline constexpr std::array<std::uint32_t, 256> kWordsOfSet = [] {
   std::array<std::uint32_t, 256> words{};
   for (unsigned set = 0; set < 256; ++set)
     for (unsigned word = 0, at = 0; word < 8; ++word)
@@ -144,8 +144,8 @@ class PickedLanes {
 
  private:
   unsigned lanes_;
-#elif defined(__AVX2__) && defined(__has_builtin) && __has_builtin(__builtin_ia32_permvarsf256) && \
-    __has_builtin(__builtin_ia32_movmskps256)
+#elif defined(__AVX2__) && !defined(__AVX512F__) && defined(__has_builtin) && \
+    __has_builtin(__builtin_ia32_permvarsf256) && __has_builtin(__builtin_ia32_movmskps256)
   typedef float Floats __attribute__((vector_size(32)));
   typedef int Words __attribute__((vector_size(32)));
 

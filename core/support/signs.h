@@ -13,10 +13,6 @@ template <std::floating_point T>
 [[gnu::always_inline]] inline T magnitude(T value) {
   return std::abs(value);
 }
-template <std::floating_point T>
-[[gnu::always_inline]] inline T with_sign(T size, T sign) {
-  return std::copysign(size, sign);
-}
 /// size * (sign of `sign`)
 template <std::floating_point T>
 [[gnu::always_inline]] inline T with_sign_flipped(T size, T sign) {
@@ -37,11 +33,6 @@ constexpr auto kSignBit = std::numeric_limits<std::remove_cvref_t<decltype(SignB
 template <class V>
 [[gnu::always_inline]] inline V magnitude(V value) {
   return reinterpret_cast<V>(reinterpret_cast<SignBits<V>>(value) & ~kSignBit<V>);
-}
-template <class V>
-[[gnu::always_inline]] inline V with_sign(V size, V sign) {
-  return reinterpret_cast<V>((reinterpret_cast<SignBits<V>>(size) & ~kSignBit<V>) |
-                             (reinterpret_cast<SignBits<V>>(sign) & kSignBit<V>));
 }
 template <class V>
 [[gnu::always_inline]] inline V with_sign_flipped(V size, V sign) {

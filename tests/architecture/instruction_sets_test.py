@@ -9,7 +9,7 @@ import subprocess
 import sys
 
 source, compiler, *options = sys.argv[1:]
-SETS = ("x86-64-v3", "x86-64")
+SETS = ("x86-64-v4", "x86-64-v3", "x86-64")
 REGISTERS = "core/support/registers.h"
 included = {}
 

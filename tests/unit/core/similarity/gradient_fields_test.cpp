@@ -21,20 +21,20 @@ double energy(const Lattice<2>& lattice, const std::vector<double>& fixed, const
 }
 
 // Oracle: the definition, with neighbours replaced by the sample's own value as far as they are hidden.
-TEST(GradientFields, EqualsTheIntegralOfTheDefinition) {
-  const std::vector<double> fixed = testing::random_waves<2>(kLattice, 1),
-                            warped = testing::random_waves<2>(kLattice, 2);
-  std::vector<double> weights = testing::random_values(kLattice.sites(), 3, 0.5);
+void expect_the_definition(const Lattice<2>& lattice) {
+  const int columns = lattice.size[0], rows = lattice.size[1];
+  const std::vector<double> fixed = testing::random_waves<2>(lattice, 1), warped = testing::random_waves<2>(lattice, 2);
+  std::vector<double> weights = testing::random_values(lattice.sites(), 3, 0.5);
   for (double& weight : weights) weight = std::clamp(weight + 0.4, 0.0, 1.0);
   const double edge = 0.03;
   double expected = 0;
-  for (int y = 0; y < 11; ++y)
-    for (int x = 0; x < 14; ++x) {
+  for (int y = 0; y < rows; ++y)
+    for (int x = 0; x < columns; ++x) {
       const auto gradient = [&](const std::vector<double>& image) {
-        const double own = image[static_cast<std::size_t>(14 * y + x)];
+        const double own = image[static_cast<std::size_t>(columns * y + x)];
         const auto at = [&](int i, int j) {
-          if (i < 0 || i > 13 || j < 0 || j > 10) return own;
-          const std::size_t site = static_cast<std::size_t>(14 * j + i);
+          if (i < 0 || i >= columns || j < 0 || j >= rows) return own;
+          const std::size_t site = static_cast<std::size_t>(columns * j + i);
           return weights[site] * image[site] + (1 - weights[site]) * own;
         };
         return std::pair{(at(x + 1, y) - at(x - 1, y)) / 2, (at(x, y + 1) - at(x, y - 1)) / 4};
@@ -43,9 +43,14 @@ TEST(GradientFields, EqualsTheIntegralOfTheDefinition) {
       const auto [wx, wy] = gradient(warped);
       const double cosine =
           (fx * wx + fy * wy) / std::sqrt((fx * fx + fy * fy + edge * edge) * (wx * wx + wy * wy + edge * edge));
-      expected += 2.0 * weights[static_cast<std::size_t>(14 * y + x)] * (1 - cosine * cosine);
+      expected += 2.0 * weights[static_cast<std::size_t>(columns * y + x)] * (1 - cosine * cosine);
     }
-  EXPECT_NEAR(energy(kLattice, fixed, warped, edge, weights.data()), expected, 1e-12 * expected);
+  EXPECT_NEAR(energy(lattice, fixed, warped, edge, weights.data()), expected, 1e-12 * expected);
+}
+
+TEST(GradientFields, EqualsTheIntegralOfTheDefinition) {
+  expect_the_definition(kLattice);
+  expect_the_definition({{261, 4}, {1.0, 2.0}, {}});  // rows of more than two pieces
 }
 
 // Closed form: ramps at an angle, away from the border, cost sin^2 of it; the spacing takes part.

@@ -109,7 +109,8 @@ class BruteForce {
 };
 
 TEST(SelfSimilarity, EqualsTheDefinitionTermByTerm) {
-  for (const Lattice<3>& lattice : {Lattice<3>{{7, 6, 5}, {1, 1, 2}, {}}, Lattice<3>{{9, 8, 1}, {1, 1, 1}, {}}}) {
+  for (const Lattice<3>& lattice : {Lattice<3>{{7, 6, 5}, {1, 1, 2}, {}}, Lattice<3>{{9, 8, 1}, {1, 1, 1}, {}},
+                                    Lattice<3>{{261, 3, 4}, {1, 1, 2}, {}}}) {
     const std::vector<double> fixed = testing::random_waves<3>(lattice, 1),
                               warped = testing::random_waves<3>(lattice, 2);
     std::vector<double> weights = testing::random_values(lattice.sites(), 3, 0.5);
