@@ -1,5 +1,7 @@
 #include "core/similarity/box_sum.h"
 
+#include "core/support/thread_count.h"
+
 #include <algorithm>
 
 namespace saltus {
@@ -103,7 +105,7 @@ void BoxSum<Dim, T>::apply(int channels, T* field) {
       // Lines along x are short rows of `channels`; along other axes whole rows run together, in strips.
       const std::size_t strips = (inner + kStrip - 1) / kStrip;
       const bool are_few_along_x = axis == 0 && strips == 1 && radius_[axis] <= kFewAside;
-#pragma omp parallel for collapse(2) schedule(static)
+#pragma omp parallel for collapse(2) schedule(static) if (is_worth_threads(count))
       for (std::size_t o = 0; o < outer; ++o)
         for (std::size_t part = 0; part < strips; ++part) {
           const std::size_t begin = part * kStrip, at = o * inner * static_cast<std::size_t>(length) + begin;

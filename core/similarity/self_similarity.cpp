@@ -89,7 +89,7 @@ class SelfSimilarity final : public Similarity<Dim, T> {
     if (w == 0) w = f;
     fixed_floor_ = f;
     warped_floor_ = w;
-    context_.clear();
+    is_context_of_all_ = false;
   }
 
   double evaluate(const T* fixed, const T* warped, const T* weights, T* gradient, T* weight_gradient) override {
@@ -97,10 +97,11 @@ class SelfSimilarity final : public Similarity<Dim, T> {
     std::fill_n(gradient, sites_, T(0));
     if (weight_gradient) std::fill_n(weight_gradient, sites_, T(0));
     if (fields_ == 0) return 0;  // a single sample is like nothing
-    // Masks change what the fixed image shows; without them its context is computed once.
-    if (weights || weight_gradient || context_.empty()) {
+    // Masks change what the fixed image shows; as long as there are none its context is kept.
+    if (weights || weight_gradient || !is_context_of_all_) {
       patch_distances(fixed, weights, fixed_distances_);
       describe(fixed_distances_, fixed_floor_, context_);
+      is_context_of_all_ = !weights;
     }
     patch_distances(warped, weights, warped_distances_);
     const double energy = compare(weights, weight_gradient);
@@ -385,7 +386,7 @@ class SelfSimilarity final : public Similarity<Dim, T> {
   double inverse_patch_;
   std::vector<std::ptrdiff_t> along_, places_;  ///< from a site to its partner, and to where a pair is read
   double fixed_floor_ = 0, warped_floor_ = 0;
-  bool is_prepared_ = false;
+  bool is_prepared_ = false, is_context_of_all_ = false;
   std::vector<T> context_, fixed_distances_, warped_distances_, warped_duals_, fixed_duals_;
 };
 

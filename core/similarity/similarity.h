@@ -64,7 +64,8 @@ std::unique_ptr<Similarity<Dim, T>> make_mutual_information(const Lattice<Dim>& 
 
 /// Normalised gradient fields (Haber and Modersitzki 2006): the integral of 1 - <n_f, n_w>^2 with
 /// n = grad I / sqrt(|grad I|^2 + edge^2), which sees along which line the gradient lies but neither its sign nor its
-/// length. In [0, 1] per mm^Dim; where either image is flat 1, with no gradient. Central differences in mm; a neighbour
+/// length. In [0, 1] per mm^Dim, but for rounding (1e-7 in single precision); where either image is flat 1, with no
+/// gradient. Central differences in mm; a neighbour
 /// beyond the border or hidden by its weight counts as having the sample's own value.
 /// `edge` > 0 (intensity per mm) holds for both images. 0: prepare finds one for each image, so that their scales do
 /// not matter: twice the gradients of the noise (see noise_sd), and a tenth of the mean gradient, in squares.
@@ -78,8 +79,9 @@ std::unique_ptr<Similarity<Dim, T>> make_gradient_fields(const Lattice<Dim>& lat
 /// sees neither brightness, contrast nor its sign; where an image is flat all S_k are 1, which a structure there
 /// differs from. What of a patch is hidden by its weight or beyond the border counts as no difference. prepare finds
 /// the floor for each image: twice the variance of its noise (see noise_sd) and a thousandth of its mean D. The
-/// descriptors are not shifted to a largest one of 1, which would make them kink. Cost does not depend on radius or
-/// step. An axis with fewer samples than the step is left out.
+/// descriptors are not shifted to a largest one of 1, which would make them kink. Patches of more than five samples
+/// along an axis cost up to three times as much; the step does not matter. An axis with fewer samples than the step is
+/// left out.
 template <int Dim, class T>
 std::unique_ptr<Similarity<Dim, T>> make_self_similarity(const Lattice<Dim>& lattice, double radius_mm, double step_mm);
 

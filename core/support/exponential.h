@@ -17,8 +17,10 @@ namespace saltus {
   const float r = (bounded - n * log2_high) - n * log2_low;
   const float tail = ((r * (1.0f / 5040) + 1.0f / 720) * r + 1.0f / 120) * r + 1.0f / 24;
   const float power = (((tail * r + 1.0f / 6) * r + 0.5f) * r + 1) * r + 1;
-  // n goes into the exponent.
-  return std::bit_cast<float>(std::bit_cast<std::uint32_t>(power) + (std::bit_cast<std::uint32_t>(shifted) << 23));
+  // n goes into the exponent. What is no number would lose that with it.
+  const float found =
+      std::bit_cast<float>(std::bit_cast<std::uint32_t>(power) + (std::bit_cast<std::uint32_t>(shifted) << 23));
+  return x == x ? found : x;
 }
 inline double exponential(double x) { return std::exp(x); }
 

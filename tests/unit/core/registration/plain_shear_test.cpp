@@ -82,7 +82,7 @@ void expect_nothing_plain(SimilarityType similarity) {
 
 TEST(PlainShear, IsNotSeenInSmoothMotion) {
   for (SimilarityType similarity : {SimilarityType::Mi, SimilarityType::Ngf, SimilarityType::Mind}) {
-    expect_nothing_plain<2>(similarity);
+    if (similarity != SimilarityType::Mind) expect_nothing_plain<2>(similarity);  // which does not look
     expect_nothing_plain<3>(similarity);
   }
   for (SimilarityType similarity : {SimilarityType::Ssd, SimilarityType::Lncc}) expect_nothing_plain<3>(similarity);
@@ -138,7 +138,6 @@ void expect_little_lost(SimilarityType similarity) {
 
 TEST(PlainShear, SavesWhatOrderZeroIsSlowToSettleWithMi) { expect_little_lost(SimilarityType::Mi); }
 TEST(PlainShear, SavesWhatOrderZeroIsSlowToSettleWithNgf) { expect_little_lost(SimilarityType::Ngf); }
-TEST(PlainShear, SavesWhatOrderZeroIsSlowToSettleWithMind) { expect_little_lost(SimilarityType::Mind); }
 
 // Order 0 goes on beside first orders, with another weight: next to nothing is lost by what it had not yet settled, nor
 // by first weights that come from its velocity. Means as above.
@@ -382,7 +381,9 @@ TEST(PlainShear, IsWhatWasMeasured) {
     EXPECT_EQ(share(SimilarityType::Ncc, preset, plane), 0);
     EXPECT_EQ(share(SimilarityType::Ncc, preset, cube), 0);
     for (SimilarityType similarity : {SimilarityType::Mi, SimilarityType::Ngf, SimilarityType::Mind}) {
-      EXPECT_DOUBLE_EQ(share(similarity, preset, plane), preset == Preset::Balanced ? 1.6 : 0);
+      // With mind in 2-D more than a few hundredths of the error would be given up.
+      const bool asks = preset == Preset::Balanced && similarity != SimilarityType::Mind;
+      EXPECT_DOUBLE_EQ(share(similarity, preset, plane), asks ? 1.6 : 0);
       const double asked = momenta(Model::Auto, similarity, preset, cube).plain_shear;
       EXPECT_DOUBLE_EQ(asked, preset != Preset::Balanced ? 0 : similarity == SimilarityType::Mi ? 8 : 24);
       EXPECT_EQ(momenta(Model::Sliding, similarity, preset, plane).plain_shear, 0);

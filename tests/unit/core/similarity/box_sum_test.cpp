@@ -36,17 +36,20 @@ TEST(BoxSum, EqualsTheSumOverTheBox) {
     expect_brute_force<double>({5, 1, 4}, radius, 2, 1e-12);
     expect_brute_force<float>({7, 5, 6}, radius, 6, 3e-5);
   }
+  // Running sums that rows enter and leave, along all axes; rows of more than one strip.
+  expect_brute_force<double>({11, 12, 13}, {4, 3, 5}, 1, 1e-12);
+  expect_brute_force<double>({300, 9, 8}, {3, 3, 3}, 1, 1e-12);
 }
 
 // Running sums must not drift: all full boxes of a flat field hold exactly the same.
 TEST(BoxSum, KeepsFlatFieldsFlat) {
   const Lattice<2> lattice{{500, 60}, {1, 1}, {}};
   std::vector<float> field(lattice.sites(), 0.1f);
-  BoxSum<2, float>(lattice, {3, 2}).apply(1, field.data());
-  for (int y = 2; y < 58; ++y)
+  BoxSum<2, float>(lattice, {3, 3}).apply(1, field.data());
+  for (int y = 3; y < 57; ++y)
     for (int x = 3; x < 497; ++x)
       ASSERT_EQ(field[static_cast<std::size_t>(500 * y + x)], field[500 * 30 + 250]) << x << " " << y;
-  EXPECT_NEAR(field[500 * 30 + 250], 3.5f, 1e-6f);
+  EXPECT_NEAR(field[500 * 30 + 250], 4.9f, 1e-6f);
 }
 
 }  // namespace

@@ -46,32 +46,53 @@ struct OfPieces {
 };
 class SimilarityOfPieces : public ::testing::TestWithParam<OfPieces> {};
 
-// Oracle: central differences along directions that change samples on both sides of where one piece ends and the next
-// begins, and none else.
-TEST_P(SimilarityOfPieces, HasTheGradientWherePiecesMeet) {
+/// Whether a site is beside where one piece ends and the next begins.
+bool is_where_pieces_meet(const Lattice<3>& lattice, std::size_t site) {
+  return std::abs(static_cast<int>(site % static_cast<std::size_t>(lattice.size[0])) - kLongestPiece) <= 2;
+}
+
+// Oracle: central differences along directions that change samples, and weights, where pieces meet and nowhere else.
+// Two samples there are hidden and no numbers.
+TEST_P(SimilarityOfPieces, HasTheGradientsWherePiecesMeet) {
   const Lattice<3> lattice{{kLongestPiece + 9, 4, 5}, {1.0, 1.5, 2.0}, {}};
-  const std::vector<double> fixed = testing::random_waves<3>(lattice, 1), warped = testing::random_waves<3>(lattice, 2);
-  std::vector<double> weights = testing::random_values(lattice.sites(), 3, 0.5);
-  for (double& weight : weights) weight = std::max(0.0, weight + 0.3);
-  for (const double* shown : {static_cast<const double*>(nullptr), static_cast<const double*>(weights.data())}) {
+  const std::size_t sites = lattice.sites(), row = static_cast<std::size_t>(lattice.size[0]);
+  const std::vector<double> fixed = testing::random_waves<3>(lattice, 1);
+  const std::vector<double> none;
+  std::vector<double> masked = testing::random_values(sites, 3, 0.5);
+  for (double& weight : masked) weight = std::max(0.01, weight + 0.4);
+  const std::size_t hidden[] = {6 * row + kLongestPiece - 1, 9 * row + kLongestPiece};
+  for (std::size_t site : hidden) masked[site] = 0;
+  for (const std::vector<double>& weights : {none, masked}) {
+    const bool has_mask = !weights.empty();
+    std::vector<double> warped = testing::random_waves<3>(lattice, 2);
+    if (has_mask)
+      for (std::size_t site : hidden) warped[site] = std::nan("");
+    std::vector<double> direction = testing::random_values(sites, 4), gradient(sites), of_weights(sites);
+    for (std::size_t i = 0; i < sites; ++i)
+      if (!is_where_pieces_meet(lattice, i) || (has_mask && weights[i] == 0)) direction[i] = 0;
     const auto similarity = GetParam().make(lattice);
-    similarity->prepare(fixed.data(), warped.data(), shown);
-    std::vector<double> direction = testing::random_values(lattice.sites(), 4), gradient(lattice.sites()),
-                        unused(lattice.sites());
-    for (std::size_t i = 0; i < direction.size(); ++i)
-      if (std::abs(static_cast<int>(i % static_cast<std::size_t>(lattice.size[0])) - kLongestPiece) > 2)
-        direction[i] = 0;
-    const auto at = [&](double step) {
-      std::vector<double> moved = warped;
-      for (std::size_t i = 0; i < moved.size(); ++i) moved[i] += step * direction[i];
-      return similarity->evaluate(fixed.data(), moved.data(), shown, unused.data(), nullptr);
+    similarity->prepare(fixed.data(), warped.data(), has_mask ? weights.data() : nullptr);
+    const auto at = [&](double of_image, double of_weight) {
+      std::vector<double> moved = warped, shown = weights, unused(sites);
+      for (std::size_t i = 0; i < sites; ++i) moved[i] += of_image * direction[i];
+      for (std::size_t i = 0; i < shown.size(); ++i) shown[i] += of_weight * direction[i];
+      return similarity->evaluate(fixed.data(), moved.data(), has_mask ? shown.data() : nullptr, unused.data(),
+                                  nullptr);
     };
-    similarity->evaluate(fixed.data(), warped.data(), shown, gradient.data(), nullptr);
-    double along = 0;
-    for (std::size_t i = 0; i < gradient.size(); ++i) along += gradient[i] * direction[i];
-    const double step = 1e-5, difference = (at(step) - at(-step)) / (2 * step);
-    EXPECT_GT(std::abs(difference), 1e-3);
-    EXPECT_NEAR(along, difference, 1e-6 * std::abs(difference));
+    const auto expect_along = [&](const std::vector<double>& found, double difference) {
+      double along = 0;
+      for (std::size_t i = 0; i < sites; ++i)
+        if (direction[i] != 0) along += found[i] * direction[i];
+      EXPECT_GT(std::abs(difference), 1e-3);
+      EXPECT_NEAR(along, difference, 2e-6 * std::abs(difference));
+    };
+    similarity->evaluate(fixed.data(), warped.data(), has_mask ? weights.data() : nullptr, gradient.data(),
+                         has_mask ? of_weights.data() : nullptr);
+    const double step = 1e-5;
+    expect_along(gradient, (at(step, 0) - at(-step, 0)) / (2 * step));
+    if (!has_mask) continue;
+    expect_along(of_weights, (at(0, step) - at(0, -step)) / (2 * step));
+    for (std::size_t site : hidden) EXPECT_EQ(gradient[site], 0);
   }
 }
 

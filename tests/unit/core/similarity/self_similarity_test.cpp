@@ -129,14 +129,19 @@ TEST(SelfSimilarity, EqualsTheDefinitionTermByTerm) {
   }
 }
 
-// A second evaluation uses what is kept of the fixed image, and a new preparation forgets it.
-TEST(SelfSimilarity, KeepsTheContextOfTheFixedImageUntilItIsPreparedAgain) {
+// A second evaluation uses what is kept of the fixed image; a mask and a new preparation forget it.
+TEST(SelfSimilarity, KeepsTheContextOfTheFixedImageUntilItIsPreparedAgainOrMasked) {
   const Lattice<2> lattice{{14, 11}, {1.0, 2.0}, {}};
   const std::vector<double> one = testing::random_waves<2>(lattice, 1), other = testing::random_waves<2>(lattice, 2);
   std::vector<double> gradient(one.size()), again(one.size());
   const auto similarity = make_self_similarity<2, double>(lattice, 1, 1);
   similarity->prepare(one.data(), other.data(), nullptr);
   const double first = similarity->evaluate(one.data(), other.data(), nullptr, gradient.data(), nullptr);
+  EXPECT_EQ(similarity->evaluate(one.data(), other.data(), nullptr, again.data(), nullptr), first);
+  EXPECT_EQ(again, gradient);
+  std::vector<double> weights(one.size(), 1.0);
+  weights[40] = 0;
+  EXPECT_NE(similarity->evaluate(one.data(), other.data(), weights.data(), again.data(), nullptr), first);
   EXPECT_EQ(similarity->evaluate(one.data(), other.data(), nullptr, again.data(), nullptr), first);
   EXPECT_EQ(again, gradient);
   similarity->prepare(other.data(), other.data(), nullptr);
