@@ -86,7 +86,7 @@ void resolve_beside_first(int dimension, RegistrationOptions& o) {
 }
 
 /// Where what order 0 takes to settle is half of the iterations of a level with first orders, and to do without costs a
-/// few hundredths of the error (with mind in 2-D it costs more; core/measurements.md, "mi, ngf and mind").
+/// few hundredths of the error (with mind in 2-D it costs more; core/measurements.md, "Slips that are not plain").
 bool is_slow_to_settle(int dimension, const RegistrationOptions& options) {
   if (options.model != Model::Auto || options.preset != Preset::Balanced) return false;
   switch (options.similarity) {

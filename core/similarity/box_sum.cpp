@@ -10,7 +10,7 @@ namespace {
 
 constexpr std::size_t kStrip = 256;  ///< rows that run together: their sums stay in the nearest cache
 
-/// With `Width` known (0: not), short rows are a few instructions each.
+/// With `Width` known (0: not), sums stay in registers.
 template <std::size_t Width, class T>
 void add_running_sums(int length, int radius, std::size_t any_width, const T* in, std::size_t in_stride, T* out,
                       std::size_t out_stride) {
@@ -84,8 +84,7 @@ void box_sum_rows(int length, int radius, std::size_t width, const T* in, std::s
     }
     return;
   }
-  if (width == 6) return add_running_sums<6>(length, radius, width, in, in_stride, out, out_stride);
-  if (width == 3) return add_running_sums<3>(length, radius, width, in, in_stride, out, out_stride);
+  if (width == 1) return add_running_sums<1>(length, radius, width, in, in_stride, out, out_stride);  // along x
   for (std::size_t begin = 0; begin < width; begin += kStrip)
     add_running_sums<0>(length, radius, std::min(kStrip, width - begin), in + begin, in_stride, out + begin,
                         out_stride);

@@ -5,6 +5,7 @@
 #include "core/grid/noise.h"
 #include "core/similarity/row_pieces.h"
 #include "core/similarity/similarity.h"
+#include "core/support/reduction.h"
 
 namespace saltus {
 namespace {
@@ -185,14 +186,8 @@ class GradientFields final : public Similarity<Dim, T> {
     for (int axis = 0; axis < Dim; ++axis)
       if (lattice_.size[axis] > 1) per_mm2 += 0.5 / (lattice_.spacing[axis] * lattice_.spacing[axis]);
     const double noise = kNoise * noise_sd<Dim>(lattice_, image, weights) * std::sqrt(per_mm2);
-    const auto weight = [&](const Piece& piece, int i) {
-      return weights ? static_cast<double>(weights[piece.site + static_cast<std::size_t>(i)]) : 1.0;
-    };
-    const double seen = sum_of_pieces(lattice_, [&](const Piece& piece) {
-      double sum = 0;
-      for (int i = 0; i < piece.length; ++i) sum += weight(piece, i);
-      return sum;
-    });
+    const auto shown_at = [&](std::size_t site) { return weights ? static_cast<double>(weights[site]) : 1.0; };
+    const double seen = ordered_sum(lattice_.sites(), shown_at);
     if (!(seen > 0)) return 0;
     const double mean =
         sum_of_pieces(lattice_,
@@ -201,11 +196,12 @@ class GradientFields final : public Similarity<Dim, T> {
                         differentiate(piece, image, weights, 1, arrows);
                         double sum = 0;
                         for (int i = 0; i < piece.length; ++i) {
-                          if (weight(piece, i) == 0) continue;
+                          const double weight = shown_at(piece.site + static_cast<std::size_t>(i));
+                          if (weight == 0) continue;
                           double square = 0;
                           for (int axis = 0; axis < Dim; ++axis)
                             square += static_cast<double>(arrows[axis][i]) * static_cast<double>(arrows[axis][i]);
-                          sum += weight(piece, i) * std::sqrt(square);
+                          sum += weight * std::sqrt(square);
                         }
                         return sum;
                       }) /

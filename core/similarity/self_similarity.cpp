@@ -8,6 +8,7 @@
 #include "core/similarity/similarity.h"
 #include "core/support/exponential.h"
 #include "core/support/free_memory.h"
+#include "core/support/reduction.h"
 
 namespace saltus {
 namespace {
@@ -94,9 +95,11 @@ class SelfSimilarity final : public Similarity<Dim, T> {
 
   double evaluate(const T* fixed, const T* warped, const T* weights, T* gradient, T* weight_gradient) override {
     if (!is_prepared_) throw std::logic_error("self-similarity is evaluated before prepare");
-    std::fill_n(gradient, sites_, T(0));
-    if (weight_gradient) std::fill_n(weight_gradient, sites_, T(0));
-    if (fields_ == 0) return 0;  // a single sample is like nothing
+    if (fields_ == 0) {  // a single sample is like nothing
+      std::fill_n(gradient, sites_, T(0));
+      if (weight_gradient) std::fill_n(weight_gradient, sites_, T(0));
+      return 0;
+    }
     // Masks change what the fixed image shows; as long as there are none its context is kept.
     if (weights || weight_gradient || !is_context_of_all_) {
       patch_distances(fixed, weights, fixed_distances_);
@@ -247,15 +250,9 @@ class SelfSimilarity final : public Similarity<Dim, T> {
       for (int i = 0; i < piece.length; ++i) to[i] = sum[i] - by_descriptor[k][i] * inverse[i];
     }
   }
-  void put_no_duals_where_hidden(const Piece& piece, const T* weights, std::vector<T>& duals) const {
-    for (int k = 0; k < pairs(); ++k) {
-      T* to = duals.data() + static_cast<std::size_t>(k) * sites_ + piece.site;
-#pragma omp simd
-      for (int i = 0; i < piece.length; ++i) to[i] = weights[piece.site + i] == 0 ? T(0) : to[i];
-    }
-  }
 
-  /// Returns E and leaves dE/dD in warped_duals_ and, when asked for, in fixed_duals_.
+  /// Returns E and leaves dE/dD in warped_duals_ and, when asked for, in fixed_duals_: 0 where a sample is hidden,
+  /// whose distances are those of what is shown around it and finite.
   double compare(const T* weights, T* weight_gradient) {
     const std::size_t all = sites_ * static_cast<std::size_t>(pairs());
     warped_duals_.resize(all);
@@ -276,27 +273,23 @@ class SelfSimilarity final : public Similarity<Dim, T> {
         }
       }
       put_duals(piece, d, inverse, dual, warped_duals_);
-      if (weights) put_no_duals_where_hidden(piece, weights, warped_duals_);
       if (weight_gradient) {
         // The same difference with the other sign, and the fixed image's S for the warped one's.
-        T s[kLongestPiece];
         for (int k = 0; k < pairs(); ++k) {
           const T* f = context_.data() + static_cast<std::size_t>(k) * sites_ + piece.site;
 #pragma omp simd
           for (int i = 0; i < piece.length; ++i) {
-            s[i] = exponential(-d[k][i] * inverse[i]);
-            dual[k][i] = -2 * volume * share * weight[i] * (s[i] - f[i]) * f[i];
+            const T s = exponential(-d[k][i] * inverse[i]);
+            dual[k][i] = -2 * volume * share * weight[i] * (s - f[i]) * f[i];
           }
         }
         gather(fixed_distances_, piece, fixed_floor_, d, inverse);
         put_duals(piece, d, inverse, dual, fixed_duals_);
-        if (weights) put_no_duals_where_hidden(piece, weights, fixed_duals_);
         for (int i = 0; i < piece.length; ++i) weight_gradient[piece.site + i] = volume * share * squares[i];
       }
       double sum = 0;
 #pragma omp simd reduction(+ : sum)
-      for (int i = 0; i < piece.length; ++i)
-        sum += weight[i] == 0 ? 0.0 : static_cast<double>(volume * share * weight[i] * squares[i]);
+      for (int i = 0; i < piece.length; ++i) sum += static_cast<double>(volume * share * weight[i] * squares[i]);
       return sum;
     });
   }
@@ -355,22 +348,17 @@ class SelfSimilarity final : public Similarity<Dim, T> {
   /// Distances below this are noise, or small against what the image has elsewhere.
   double floor_of(const T* image, const T* weights) {
     patch_distances(image, weights, warped_distances_);
-    const auto weight = [&](const Piece& piece, int i) {
-      return weights ? static_cast<double>(weights[piece.site + static_cast<std::size_t>(i)]) : 1.0;
-    };
-    const double seen = sum_of_pieces(lattice_, [&](const Piece& piece) {
-      double sum = 0;
-      for (int i = 0; i < piece.length; ++i) sum += weight(piece, i);
-      return sum;
-    });
+    const auto shown_at = [&](std::size_t site) { return weights ? static_cast<double>(weights[site]) : 1.0; };
+    const double seen = ordered_sum(sites_, shown_at);
     const double sum = sum_of_pieces(lattice_, [&](const Piece& piece) {
       PairRows d;
       T inverse[kLongestPiece];
       gather(warped_distances_, piece, 0, d, inverse);
       double of_piece = 0;
-      for (int i = 0; i < piece.length; ++i)
-        for (int k = 0; weight(piece, i) > 0 && k < pairs(); ++k)
-          of_piece += weight(piece, i) * static_cast<double>(d[k][i]);
+      for (int i = 0; i < piece.length; ++i) {
+        const double weight = shown_at(piece.site + static_cast<std::size_t>(i));
+        for (int k = 0; weight > 0 && k < pairs(); ++k) of_piece += weight * static_cast<double>(d[k][i]);
+      }
       return of_piece / pairs();
     });
     const double noise = noise_sd<Dim>(lattice_, image, weights);
