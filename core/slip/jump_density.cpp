@@ -15,6 +15,7 @@ namespace {
 
 constexpr double kCut = 4;           // of the Gaussian, in standard deviations
 constexpr double kAcrossStep = 0.5;  // of the smoothing
+constexpr std::size_t kElementsAtOnce = 64;
 
 template <int Dim>
 Lattice<Dim> finest_with_elements(const std::vector<JumpElements<Dim>>& elements) {
@@ -122,20 +123,21 @@ Lattice<Dim> covered_by(const Lattice<Dim>& lattice, const JumpElements<Dim>& of
   return box;
 }
 
-/// Adds elements one by one, each over the plane that it covers: how much of one there is at each sample first, then
-/// all values of its jump.
+/// How much of an element there is at each sample that its hats reach, over the plane that it covers.
 template <int Dim>
-void add_one_by_one(const Lattice<Dim>& lattice, const JumpElements<Dim>& of, float* values) {
-  std::vector<float> share;
-  for (const JumpElement<Dim>& element : of.list) {
+struct ElementShare {
+  Index<Dim> low;    ///< of the box, in samples of the lattice
+  Lattice<Dim> box;  ///< without samples where the lattice has none that are reached
+  std::vector<float> values;
+
+  void find(const Lattice<Dim>& lattice, const JumpElements<Dim>& of, const JumpElement<Dim>& element) {
     const auto axes = plane_axes<Dim>(element.normal);
-    Index<Dim> low;
-    const Lattice<Dim> box = covered_by<Dim>(lattice, of, element.at, axes, low);
-    share.assign(box.sites(), 0.0f);
-    if (share.empty()) continue;
+    box = covered_by<Dim>(lattice, of, element.at, axes, low);
+    values.assign(box.sites(), 0.0f);
+    if (values.empty()) return;
     HatAdder<Dim, 1> add(box, of.lattice);
     const auto add_at = [&](const Vector<Dim>& at, double weight) {
-      add(at, Eigen::Matrix<double, 1, 1>(weight), share.data());
+      add(at, Eigen::Matrix<double, 1, 1>(weight), values.data());
     };
     for (const JumpSpread& spread : of.spreads) {
       const auto along = lateral_weights<Dim>(of.lattice, axes[0], spread.width_mm);
@@ -148,18 +150,41 @@ void add_one_by_one(const Lattice<Dim>& lattice, const JumpElements<Dim>& of, fl
             add_at(element.at + first * axes[0] + second * axes[1], spread.share * weight * other);
       }
     }
+  }
+
+  /// All values of its jump, to one slab of the lattice.
+  void add_slab(const Lattice<Dim>& lattice, const JumpElement<Dim>& element, int slab, float* sums) const {
+    const int in_box_slab = slab - low[Dim - 1];
+    if (values.empty() || in_box_slab < 0 || in_box_slab >= box.size[Dim - 1]) return;
     Eigen::Matrix<float, Dim * Dim, 1> tensor;
     for (int c = 0; c < Dim; ++c)
       for (int a = 0; a < Dim; ++a) tensor[Dim * c + a] = static_cast<float>(element.strength[c] * element.normal[a]);
-    for (int slab = 0; slab < box.size[Dim - 1]; ++slab)
-      visit_slab<Dim>(box, slab, [&](const Index<Dim>& index, std::size_t in_box) {
-        if (share[in_box] == 0) return;
-        std::size_t site = 0;
-        for (int a = Dim - 1; a >= 0; --a)
-          site = site * static_cast<std::size_t>(lattice.size[a]) + static_cast<std::size_t>(low[a] + index[a]);
-        float* sum = values + Dim * Dim * site;
-        for (int c = 0; c < Dim * Dim; ++c) sum[c] += share[in_box] * tensor[c];
-      });
+    visit_slab<Dim>(box, in_box_slab, [&](const Index<Dim>& index, std::size_t in_box) {
+      if (values[in_box] == 0) return;
+      std::size_t site = 0;
+      for (int a = Dim - 1; a >= 0; --a)
+        site = site * static_cast<std::size_t>(lattice.size[a]) + static_cast<std::size_t>(low[a] + index[a]);
+      float* sum = sums + Dim * Dim * site;
+      for (int c = 0; c < Dim * Dim; ++c) sum[c] += values[in_box] * tensor[c];
+    });
+  }
+};
+
+/// Adds elements one by one, some at a time: threads share out elements, then slabs of the lattice, each of which gets
+/// what it gets in the same order with any number of threads.
+template <int Dim>
+void add_one_by_one(const Lattice<Dim>& lattice, const JumpElements<Dim>& of, float* values) {
+  std::vector<ElementShare<Dim>> shares(std::min(kElementsAtOnce, of.list.size()));
+  for (std::size_t begin = 0; begin < of.list.size(); begin += kElementsAtOnce) {
+    const std::size_t count = std::min(kElementsAtOnce, of.list.size() - begin);
+#pragma omp parallel
+    {
+#pragma omp for schedule(dynamic)
+      for (std::size_t k = 0; k < count; ++k) shares[k].find(lattice, of, of.list[begin + k]);
+#pragma omp for schedule(dynamic)
+      for (int slab = 0; slab < lattice.size[Dim - 1]; ++slab)
+        for (std::size_t k = 0; k < count; ++k) shares[k].add_slab(lattice, of.list[begin + k], slab, values);
+    }
   }
 }
 

@@ -35,7 +35,7 @@ class ThreadCount {
 /// own, those of a level stay awake from one loop to the next (server/launch/worker_environment.h). Tests whose
 /// lattices are smaller ask for less (tests/support/many_threads.h); nobody else writes to these.
 struct SitesAThread {
-  std::size_t level = 32768, loop = 8192;
+  std::size_t level = 16384, loop = 8192;
 };
 inline SitesAThread sites_a_thread;
 

@@ -6,6 +6,7 @@
 
 #include "core/momenta/spread_normals.h"
 #include "core/support/errors.h"
+#include "tests/support/many_threads.h"
 #include "tests/unit/core/slip/made_sheet.h"
 
 namespace saltus {
@@ -139,6 +140,23 @@ TEST(JumpDensity, IsTheSameForElementsOneByOne) {
   }
   EXPECT_GT(largest, 0);
   EXPECT_LT(apart, 1e-3 * largest);
+}
+
+// More elements than are taken at a time, whose planes reach across what threads share out.
+TEST(JumpDensity, IsTheSameWithAnyNumberOfThreads) {
+  auto elements = FaceSheet<3>(2, 15, make_wendland_profile(5)).elements();
+  ASSERT_EQ(elements.size(), 1u);
+  ASSERT_GT(elements[0].list.size(), 128u);
+  elements[0].axis = -1;
+  for (std::size_t i = 0; i < elements[0].list.size(); ++i)
+    elements[0].list[i].normal = Vector<3>(0.1 + 1e-3 * static_cast<double>(i % 7), 0.9, 1).normalized();
+  const testing::ManyThreads many;
+  omp_set_num_threads(1);
+  const JumpDensity<3> one(elements);
+  for (int threads : {2, 3, 8}) {
+    omp_set_num_threads(threads);
+    EXPECT_EQ(JumpDensity<3>(elements).values(), one.values()) << threads;
+  }
 }
 
 // Elements of one sheet on two lattices, one twice as coarse, add up.
