@@ -16,6 +16,7 @@ namespace {
 constexpr double kCut = 4;           // of the Gaussian, in standard deviations
 constexpr double kAcrossStep = 0.5;  // of the smoothing
 constexpr std::size_t kElementsAtOnce = 64;
+constexpr std::size_t kSamplesAtOnce = 1 << 20;  // of the boxes of those, but for one that has more by itself
 
 template <int Dim>
 Lattice<Dim> finest_with_elements(const std::vector<JumpElements<Dim>>& elements) {
@@ -170,13 +171,26 @@ struct ElementShare {
   }
 };
 
+/// So many that their boxes, however the planes are turned, hold no more than kSamplesAtOnce.
+template <int Dim>
+std::size_t elements_at_once(const Lattice<Dim>& lattice, const JumpElements<Dim>& of) {
+  double most = 1;
+  for (int a = 0; a < Dim; ++a) {
+    const double reach = std::max(of.lattice.spacing[a], lattice.spacing[a]) + std::sqrt(Dim - 1.0) * of.widest_mm();
+    most *= std::min<double>(lattice.size[a], 2 * reach / lattice.spacing[a] + 3);
+  }
+  return std::clamp<std::size_t>(static_cast<std::size_t>(static_cast<double>(kSamplesAtOnce) / most), 1,
+                                 kElementsAtOnce);
+}
+
 /// Adds elements one by one, some at a time: threads share out elements, then slabs of the lattice, each of which gets
 /// what it gets in the same order with any number of threads.
 template <int Dim>
 void add_one_by_one(const Lattice<Dim>& lattice, const JumpElements<Dim>& of, float* values) {
-  std::vector<ElementShare<Dim>> shares(std::min(kElementsAtOnce, of.list.size()));
-  for (std::size_t begin = 0; begin < of.list.size(); begin += kElementsAtOnce) {
-    const std::size_t count = std::min(kElementsAtOnce, of.list.size() - begin);
+  const std::size_t at_once = elements_at_once<Dim>(lattice, of);
+  std::vector<ElementShare<Dim>> shares(std::min(at_once, of.list.size()));
+  for (std::size_t begin = 0; begin < of.list.size(); begin += at_once) {
+    const std::size_t count = std::min(at_once, of.list.size() - begin);
 #pragma omp parallel
     {
 #pragma omp for schedule(dynamic)

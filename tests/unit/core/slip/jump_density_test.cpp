@@ -142,21 +142,53 @@ TEST(JumpDensity, IsTheSameForElementsOneByOne) {
   EXPECT_LT(apart, 1e-3 * largest);
 }
 
-// More elements than are taken at a time, whose planes reach across what threads share out.
+// A sheet of more elements than are taken at a time, all of which differ.
+JumpElements<3> uneven_sheet() {
+  JumpElements<3> sheet = FaceSheet<3>(2, 15, make_wendland_profile(5)).elements().at(0);
+  sheet.axis = -1;
+  for (std::size_t i = 0; i < sheet.list.size(); ++i) {
+    sheet.list[i].normal = Vector<3>(0.3 * std::sin(0.7 * static_cast<double>(i)), 0.9, 1).normalized();
+    sheet.list[i].strength = Vector<3>(1, std::cos(0.3 * static_cast<double>(i)), 0.1 * static_cast<double>(i % 7));
+  }
+  return sheet;
+}
+
 TEST(JumpDensity, IsTheSameWithAnyNumberOfThreads) {
-  auto elements = FaceSheet<3>(2, 15, make_wendland_profile(5)).elements();
-  ASSERT_EQ(elements.size(), 1u);
-  ASSERT_GT(elements[0].list.size(), 128u);
-  elements[0].axis = -1;
-  for (std::size_t i = 0; i < elements[0].list.size(); ++i)
-    elements[0].list[i].normal = Vector<3>(0.1 + 1e-3 * static_cast<double>(i % 7), 0.9, 1).normalized();
+  const JumpElements<3> sheet = uneven_sheet();
+  ASSERT_GT(sheet.list.size(), 128u);
   const testing::ManyThreads many;
   omp_set_num_threads(1);
-  const JumpDensity<3> one(elements);
+  const JumpDensity<3> one({sheet});
   for (int threads : {2, 3, 8}) {
     omp_set_num_threads(threads);
-    EXPECT_EQ(JumpDensity<3>(elements).values(), one.values()) << threads;
+    EXPECT_EQ(JumpDensity<3>({sheet}).values(), one.values()) << threads;
   }
+}
+
+// Whatever is added together: pieces that are lists of their own, each with one element at the sheet's corners that has
+// no strength, so that all of them are cropped alike.
+TEST(JumpDensity, IsTheSumOfItsElements) {
+  const JumpElements<3> sheet = uneven_sheet();
+  const JumpDensity<3> whole({sheet});
+  std::vector<float> sum(whole.values().size(), 0.0f);
+  for (std::size_t begin = 0; begin < sheet.list.size(); begin += 50) {
+    JumpElements<3> piece = sheet;
+    piece.list.assign({sheet.list.front(), sheet.list.back()});
+    for (auto& corner : piece.list) corner.strength.setZero();
+    const std::size_t end = std::min(sheet.list.size(), begin + 50);
+    piece.list.insert(piece.list.end(), sheet.list.begin() + static_cast<std::ptrdiff_t>(begin),
+                      sheet.list.begin() + static_cast<std::ptrdiff_t>(end));
+    const JumpDensity<3> part({piece});
+    ASSERT_TRUE(part.lattice() == whole.lattice());
+    for (std::size_t i = 0; i < sum.size(); ++i) sum[i] += part.values()[i];
+  }
+  float largest = 0, apart = 0;
+  for (std::size_t i = 0; i < sum.size(); ++i) {
+    largest = std::max(largest, std::abs(whole.values()[i]));
+    apart = std::max(apart, std::abs(whole.values()[i] - sum[i]));
+  }
+  EXPECT_GT(largest, 0);
+  EXPECT_LT(apart, 1e-5f * largest);
 }
 
 // Elements of one sheet on two lattices, one twice as coarse, add up.
