@@ -145,6 +145,10 @@ void convolve_lines(const Lines& all, const MirroredTaps<T>& taps, bool adds, bo
 /// Lanes of a strip of lines along another axis than x.
 template <class T>
 constexpr std::size_t kStripLanes = kStripStep<T>;
+/// Lanes of it that are summed from end to end before the next ones are: the rows that many taps reach then fit the
+/// nearest cache with room for what comes and goes (45 taps: 13 KB with 8 rows at once, where whole strips take 27).
+template <class T>
+constexpr std::size_t kPartLanes = kStripLanes<T> / 2;
 
 /// What a thread works with along another axis, for any number of strips: the strip's rows, between zeros as far as
 /// taps reach, and sums.
@@ -210,26 +214,32 @@ void convolve_strip(const Strips& all, std::size_t number, const MirroredTaps<T>
   // What is read anyhow is better written where it then lies.
   const bool passes_caches = is_far && !adds && in != out && inner % register_lanes == 0 &&
                              reinterpret_cast<std::uintptr_t>(to) % kRegisterBytes == 0;
-  // What the next strip reads is fetched meanwhile, as many rows at a time as make them all: no machine foresees rows
-  // that are so far apart.
-  const bool is_last = number + 1 == all.all<T>();
-  const T* soon = in + (is_last ? 0 : all.offset<T>(number + 1));
-  std::size_t left = is_last ? 0 : count;
-  const std::size_t at_once = whole > 0 ? (count * block + whole - 1) / whole : 0;
-  for (std::size_t row = begin; row < begin + whole; row += block) {
-    for (std::size_t k = std::min(at_once, left); k-- > 0; --left, soon += inner)
-      for (std::size_t i = 0; i < lanes; i += 64 / sizeof(T)) __builtin_prefetch(soon + i, 0, 2);
-    const auto registers = static_cast<int>(wide / register_lanes);
-    if (!passes_caches) {
-      sum_mirrored<T>(
-          taps, {1, registers, rows + row * lanes, step, to + row * inner, static_cast<std::ptrdiff_t>(inner), adds});
-      continue;
+  // What the next strip reads, and writes by way of the caches, is fetched meanwhile, as many rows at a time as make
+  // them all: no machine foresees rows that are so far apart.
+  const bool is_last = number + 1 == all.all<T>(), fetches_written = is_far && in != out && !passes_caches;
+  std::size_t soon = is_last ? 0 : all.offset<T>(number + 1), left = is_last ? 0 : count;
+  const std::size_t parts = (wide + kPartLanes<T> - 1) / kPartLanes<T>, blocks = whole / block * parts;
+  const std::size_t at_once = blocks > 0 ? (count + blocks - 1) / blocks : 0;
+  for (std::size_t first_lane = 0; first_lane < wide; first_lane += kPartLanes<T>)
+    for (std::size_t row = begin; row < begin + whole; row += block) {
+      for (std::size_t k = std::min(at_once, left); k-- > 0; --left, soon += inner)
+        for (std::size_t i = soon; i < soon + lanes; i += 64 / sizeof(T)) {
+          __builtin_prefetch(in + i, 0, 2);
+          if (fetches_written) __builtin_prefetch(out + i, 1, 2);
+        }
+      const std::size_t some = at_most(kPartLanes<T>, wide, first_lane);
+      const auto registers = static_cast<int>(some / register_lanes);
+      const T* values = rows + row * lanes + first_lane;
+      T* where = to + row * inner + first_lane;
+      if (!passes_caches) {
+        sum_mirrored<T>(taps, {1, registers, values, step, where, static_cast<std::ptrdiff_t>(inner), adds});
+        continue;
+      }
+      sum_mirrored<T>(taps, {1, registers, values, step, sums, step, false});
+      for (std::size_t r = 0; r < block; ++r)
+        for (std::size_t i = 0; i < some; i += register_lanes)
+          store_far<T>(load(sums + r * lanes + i), where + r * inner + i);
     }
-    sum_mirrored<T>(taps, {1, registers, rows + row * lanes, step, sums, step, false});
-    for (std::size_t r = 0; r < block; ++r)
-      for (std::size_t i = 0; i < wide; i += register_lanes)
-        store_far<T>(load(sums + r * lanes + i), to + (row + r) * inner + i);
-  }
   if (passes_caches) std::atomic_thread_fence(std::memory_order_seq_cst);
   for (std::size_t row = begin; row < end; row += block) {
     const std::size_t done = row < begin + whole ? wide : 0,
