@@ -3,6 +3,8 @@
 #include "core/support/thread_count.h"
 
 #include <algorithm>
+#include <type_traits>
+#include <vector>
 
 namespace saltus {
 
@@ -37,23 +39,39 @@ void add_running_sums(int length, int radius, std::size_t any_width, const T* in
 /// too few terms for a float sum to lose anything.
 constexpr int kFewAside = 2;
 
-/// to[k] = sum over i < terms of from[k + i * apart]
+/// to[k] = sum over i < terms of row(i)[k]; `to` is none of them.
+template <class T, class Row>
+[[gnu::always_inline]] inline void sum_rows(int terms, std::size_t width, const Row& row, T* to) {
+  const auto sum = [&](auto count) {
+    const T* rows[count];
+    for (int i = 0; i < count; ++i) rows[i] = row(i);
+#pragma omp simd
+    for (std::size_t k = 0; k < width; ++k) {
+      T all = rows[0][k];
+      for (int i = 1; i < count; ++i) all += rows[i][k];
+      to[k] = all;
+    }
+  };
+  switch (terms) {
+    case 1:
+      return sum(std::integral_constant<int, 1>());
+    case 2:
+      return sum(std::integral_constant<int, 2>());
+    case 3:
+      return sum(std::integral_constant<int, 3>());
+    case 4:
+      return sum(std::integral_constant<int, 4>());
+    default:
+      static_assert(2 * kFewAside + 1 == 5);
+      return sum(std::integral_constant<int, 5>());
+  }
+}
+
+/// The same of rows that are `apart`.
 template <class T>
 void sum_few(int terms, std::size_t apart, std::size_t width, const T* from, T* to) {
-  if (terms == 1) {
-    std::copy_n(from, width, to);
-  } else if (terms == 2) {
-#pragma omp simd
-    for (std::size_t k = 0; k < width; ++k) to[k] = from[k] + from[k + apart];
-  } else {
-#pragma omp simd
-    for (std::size_t k = 0; k < width; ++k) to[k] = from[k] + from[k + apart] + from[k + 2 * apart];
-  }
-  for (int i = 3; i < terms; ++i) {
-    const T* next = from + static_cast<std::size_t>(i) * apart;
-#pragma omp simd
-    for (std::size_t k = 0; k < width; ++k) to[k] += next[k];
-  }
+  sum_rows(
+      terms, width, [&](int i) { return from + static_cast<std::size_t>(i) * apart; }, to);
 }
 
 /// Along lines of samples with `channels` values each, which follow each other.
@@ -90,34 +108,83 @@ void box_sum_rows(int length, int radius, std::size_t width, const T* in, std::s
                         out_stride);
 }
 
-template <int Dim, class T>
-void BoxSum<Dim, T>::apply(int channels, T* field) {
-  const std::size_t count = lattice_.sites() * static_cast<std::size_t>(channels);
-  scratch_.resize(std::max(scratch_.size(), count));
-  T* in = field;
-  T* out = scratch_.data();
-  std::size_t inner = static_cast<std::size_t>(channels);
-  for (int axis = 0; axis < Dim; ++axis) {
-    const int length = lattice_.size[axis];
-    if (radius_[axis] > 0 && length > 1) {
-      const std::size_t outer = count / (inner * static_cast<std::size_t>(length));
-      // Lines along x are short rows of `channels`; along other axes whole rows run together, in strips.
-      const std::size_t strips = (inner + kStrip - 1) / kStrip;
-      const bool are_few_along_x = axis == 0 && strips == 1 && radius_[axis] <= kFewAside;
-#pragma omp parallel for collapse(2) schedule(static) if (is_worth_threads(count))
-      for (std::size_t o = 0; o < outer; ++o)
-        for (std::size_t part = 0; part < strips; ++part) {
-          const std::size_t begin = part * kStrip, at = o * inner * static_cast<std::size_t>(length) + begin;
-          if (are_few_along_x)
-            sum_few_along(length, radius_[axis], inner, in + at, out + at);
-          else
-            box_sum_rows(length, radius_[axis], std::min(kStrip, inner - begin), in + at, inner, out + at, inner);
-        }
-      std::swap(in, out);
-    }
-    inner *= static_cast<std::size_t>(length);
+namespace {
+
+/// Lines of `length` values along one axis, which lie side by side in `width` columns: rows `stride` apart.
+template <class T>
+struct Lines {
+  int length, radius;
+  std::size_t width, stride;
+
+  bool need_sums() const { return radius > 0 && length > 1; }
+};
+
+/// In place, a strip of columns at a time. `copy` holds what is needed of the rows that are written over already.
+template <class T>
+void sum_lines(const Lines<T>& lines, std::size_t begin, T* field, std::vector<T>& copy) {
+  const std::size_t width = std::min(kStrip, lines.width - begin), stride = lines.stride;
+  const int length = lines.length, radius = std::min(lines.radius, length - 1);
+  T* strip = field + begin;
+  if (radius > kFewAside) {
+    copy.resize(std::max(copy.size(), static_cast<std::size_t>(length) * width));
+    for (int i = 0; i < length; ++i)
+      std::copy_n(strip + static_cast<std::size_t>(i) * stride, width,
+                  copy.data() + static_cast<std::size_t>(i) * width);
+    return box_sum_rows(length, radius, width, copy.data(), width, strip, stride);
   }
-  if (in != field) std::copy(in, in + count, field);
+  constexpr int kept = kFewAside + 1;
+  copy.resize(std::max(copy.size(), kept * width));
+  const auto kept_row = [&](int i) { return copy.data() + static_cast<std::size_t>(i % kept) * width; };
+  for (int i = 0; i < length; ++i) {
+    T* own = strip + static_cast<std::size_t>(i) * stride;
+    std::copy_n(own, width, kept_row(i));
+    const int first = std::max(0, i - radius), last = std::min(length - 1, i + radius);
+    const auto row = [&](int k) -> const T* {
+      return first + k <= i ? kept_row(first + k) : strip + static_cast<std::size_t>(first + k) * stride;
+    };
+    sum_rows(last - first + 1, width, row, own);
+  }
+}
+
+/// The same along rows of `length` samples with `channels` values each.
+template <class T>
+void sum_row(int length, int radius, std::size_t channels, T* row, std::vector<T>& copy) {
+  const std::size_t values = static_cast<std::size_t>(length) * channels;
+  copy.resize(std::max(copy.size(), values));
+  std::copy_n(row, values, copy.data());
+  if (radius <= kFewAside)
+    sum_few_along(length, radius, channels, copy.data(), row);
+  else
+    box_sum_rows(length, radius, channels, copy.data(), channels, row, channels);
+}
+
+}  // namespace
+
+template <int Dim, class T>
+void BoxSum<Dim, T>::apply(int channels, T* field) const {
+  const auto values = static_cast<std::size_t>(channels);
+  const std::size_t row = values * static_cast<std::size_t>(lattice_.size[0]),
+                    rows = lattice_.sites() / static_cast<std::size_t>(lattice_.size[0]);
+  const auto length = [&](int axis) { return lattice_.size[axis]; };
+  // Along x, and in space along y as long as a plane is in the cache; then across all of these.
+  const std::size_t rows_of_slab = Dim == 3 ? static_cast<std::size_t>(length(1)) : 1, slab = rows_of_slab * row;
+  const Lines<T> along_y{Dim == 3 ? length(1) : 1, Dim == 3 ? radius_[1] : 0, row, row},
+      across{length(Dim - 1), radius_[Dim - 1], slab, slab};
+#pragma omp parallel if (is_worth_threads(lattice_.sites() * values))
+  {
+    std::vector<T> copy;
+#pragma omp for schedule(static)
+    for (std::size_t first = 0; first < rows; first += rows_of_slab) {
+      T* from = field + first * row;
+      if (length(0) > 1 && radius_[0] > 0)
+        for (std::size_t k = 0; k < rows_of_slab; ++k) sum_row(length(0), radius_[0], values, from + k * row, copy);
+      if (along_y.need_sums())
+        for (std::size_t begin = 0; begin < row; begin += kStrip) sum_lines(along_y, begin, from, copy);
+    }
+    if (across.need_sums())
+#pragma omp for schedule(static)
+      for (std::size_t begin = 0; begin < slab; begin += kStrip) sum_lines(across, begin, field, copy);
+  }
 }
 
 template void box_sum_rows(int, int, std::size_t, const float*, std::size_t, float*, std::size_t);

@@ -18,13 +18,12 @@ class BoxSum {
  public:
   BoxSum(const Lattice<Dim>& lattice, const Index<Dim>& radius) : lattice_(lattice), radius_(radius) {}
 
-  /// In place.
-  void apply(int channels, T* field);
+  /// In place: memory sees the field twice. Threads share it out; sums do not depend on how many there are.
+  void apply(int channels, T* field) const;
 
  private:
   Lattice<Dim> lattice_;
   Index<Dim> radius_;
-  std::vector<T> scratch_;
 };
 
 }  // namespace saltus

@@ -48,7 +48,7 @@ int similarity_scratch(SimilarityType type, int dimension) {
     case SimilarityType::Ngf:
       return 2 * dimension;  // what comes back to the differences of both images
     case SimilarityType::Mind:
-      return 3 * (pairs / 2) + 3 * pairs;  // distances of both images, and while they are made; context, two duals
+      return 2 * (pairs / 2) + 3 * pairs;  // distances of both images; context, two duals
   }
   throw InvalidInput("similarity " + std::to_string(static_cast<int>(type)) + " is not known");
 }
@@ -58,9 +58,9 @@ double similarity_tables(SimilarityType type, const SimilarityOptions& parameter
     case SimilarityType::Ssd:
     case SimilarityType::Ncc:
     case SimilarityType::Ngf:
-    case SimilarityType::Mind:
       return 0;
     case SimilarityType::Lncc:  // planes of a few rows that fit a second-level cache
+    case SimilarityType::Mind:  // strips of columns; the same
       return threads * 1024.0 * 1024.0;
     case SimilarityType::Mi:  // histograms that are filled side by side, and their sum
       return 33.0 * sizeof(double) * (static_cast<double>(parameters.mi_bins) * parameters.mi_bins + 1);

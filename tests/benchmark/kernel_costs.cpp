@@ -142,36 +142,54 @@ class Scene {
     for (int cell : {1, 2}) {
       similarities_.push_back(
           (cell == 1 ? make_local_correlation<3, float> : make_cell_correlation<3, float>)(lattice_, 2.0, 0.01));
-      Similarity<3, float>* similarity = similarities_.back().get();
-      similarity->prepare(fixed_.data(), image_.samples.data(), nullptr);
       const double operations =
           cell == 1 ? 6 + (6 + 3) * 3 * 2 + 40 : (2 + 3 + 5 + 2 + 4) + ((5 + 3) * 3 * 3 + 40) / 8.0;
       const std::string name =
           std::string("local correlation, windows ") + (cell == 1 ? "around each sample" : "of cells");
-      list.push_back({name, 3 * kScalar, operations, [=, this] {
-                        similarity->evaluate(fixed_.data(), image_.samples.data(), nullptr, scalar_.data(), nullptr);
-                      }});
+      add_similarity(list, name, 3 * kScalar, operations);
       if (cell == 1) continue;
       // With a mask and the gradient with respect to it: two products and a sum more of each sample, six coefficients,
       // and ten operations more for each gradient.
       weights_.assign(sites_, 1);
+      Similarity<3, float>* similarity = similarities_.back().get();
       list.push_back(
           {name + ", with a mask", 5 * kScalar, (2 + 3 + 5 + 3 + 2 + 5 + 10) + ((6 + 6) * 3 * 3 + 70) / 8.0, [=, this] {
              similarity->evaluate(fixed_.data(), image_.samples.data(), weights_.data(), scalar_.data(), more_.data());
            }});
     }
+
+    // Three differences of each image, doubled and scaled; three inner products of these; two quotients and eight more
+    // for the value and what its gradient shares; per axis three operations for a dual and three to collect them.
+    similarities_.push_back(make_gradient_fields<3, float>(lattice_, 0));
+    add_similarity(list, "gradient fields", 3 * kScalar, 2 * 3 * 2 + 3 * 3 * 2 + 10 + 3 * (3 + 3));
+    // Beside the warped image the twelve descriptors of the fixed one are read. For each of six directions: a
+    // difference, its square, a window sum (two operations along each axis) and the same on the way back, with two
+    // duals added, where each difference counts for both of its samples. For each of twelve pairs: its part of the
+    // mean, an exponential (a power series and what it is reduced by), the difference to the other's, its square and
+    // sum, and six operations for its dual. Eight for the mean, its inverse and their dual.
+    similarities_.push_back(make_self_similarity<3, float>(lattice_, 1.0, 1.0));
+    add_similarity(list, "self-similarity", (2 + 12) * kScalar, 6 * (3 + 6 + 2 + 6 + 5) + 12 * (1 + 24 + 3 + 6) + 8);
     return list;
   }
 
   std::size_t sites() const { return sites_; }
 
  private:
+  /// An evaluation of the last of the similarities, without masks.
+  void add_similarity(std::vector<Kernel>& list, const std::string& name, double bytes, double operations) {
+    Similarity<3, float>* similarity = similarities_.back().get();
+    similarity->prepare(fixed_.data(), image_.samples.data(), nullptr);
+    list.push_back({name, bytes, operations, [=, this] {
+                      similarity->evaluate(fixed_.data(), image_.samples.data(), nullptr, scalar_.data(), nullptr);
+                    }});
+  }
+
   Lattice<3> lattice_;
   std::size_t sites_;
   Field<float> vectors_, displacement_, out_, dual_, fixed_, scalar_, more_, weights_;
   FramedImage<3, float> image_;
   std::vector<Field<float>> velocities_, velocity_duals_;
-  std::vector<std::unique_ptr<Similarity<3, float>>> similarities_;  ///< one with cells of one sample, one of two
+  std::vector<std::unique_ptr<Similarity<3, float>>> similarities_;
 };
 
 void use_threads([[maybe_unused]] int count) {

@@ -2,6 +2,7 @@
 
 #include <gtest/gtest.h>
 
+#include "tests/support/many_threads.h"
 #include "tests/support/random_fields.h"
 
 namespace saltus {
@@ -39,6 +40,27 @@ TEST(BoxSum, EqualsTheSumOverTheBox) {
   // Running sums that rows enter and leave, along all axes; rows of more than one strip.
   expect_brute_force<double>({11, 12, 13}, {4, 3, 5}, 1, 1e-12);
   expect_brute_force<double>({300, 9, 8}, {3, 3, 3}, 1, 1e-12);
+}
+
+// Threads share slabs and then strips across them, each in place: the same sums, bit by bit, however many there are.
+TEST(BoxSum, DoesNotDependOnTheNumberOfThreads) {
+  const testing::ManyThreads many;
+  const Lattice<3> space{{70, 9, 11}, {1, 1, 1}, {}};
+  const Lattice<2> plane{{300, 23}, {1, 1}, {}};
+  for (int radius : {1, 4}) {  // summed anew, and running
+    const auto sums = [&](int threads) {
+      omp_set_num_threads(threads);
+      const auto values = testing::random_values(space.sites(), 2);
+      std::vector<float> in_space(values.begin(), values.end());
+      std::vector<float> in_plane(values.begin(), values.begin() + static_cast<std::ptrdiff_t>(plane.sites()));
+      BoxSum<3, float>(space, {radius, radius, radius}).apply(1, in_space.data());
+      BoxSum<2, float>(plane, {radius, radius}).apply(1, in_plane.data());
+      in_space.insert(in_space.end(), in_plane.begin(), in_plane.end());
+      return in_space;
+    };
+    const std::vector<float> expected = sums(1);
+    for (int threads : {2, 3, 8}) EXPECT_EQ(sums(threads), expected) << radius << ", " << threads << " threads";
+  }
 }
 
 // Running sums must not drift: all full boxes of a flat field hold exactly the same.
