@@ -145,8 +145,8 @@ void convolve_lines(const Lines& all, const MirroredTaps<T>& taps, bool adds, bo
 /// Lanes of a strip of lines along another axis than x.
 template <class T>
 constexpr std::size_t kStripLanes = kStripStep<T>;
-/// Lanes of it that are summed from end to end before the next ones are: the rows that many taps reach then fit the
-/// nearest cache with room for what comes and goes (45 taps: 13 KB with 8 rows at once, where whole strips take 27).
+/// Lanes of it that are summed from end to end before the next ones are. The rows that 45 taps reach are 24 KB, three
+/// quarters of the nearest cache; of half of their lanes they leave half of it to what comes and goes.
 template <class T>
 constexpr std::size_t kPartLanes = kStripLanes<T> / 2;
 
@@ -176,6 +176,10 @@ struct Strips {
   std::size_t all() const {
     return outer * of_slab<T>();
   }
+  template <class T>
+  std::size_t width(std::size_t strip) const {
+    return at_most(kStripLanes<T>, inner, strip % of_slab<T>() * kStripLanes<T>);
+  }
   /// Where a strip begins.
   template <class T>
   std::size_t offset(std::size_t strip) const {
@@ -192,7 +196,7 @@ void convolve_strip(const Strips& all, std::size_t number, const MirroredTaps<T>
                     const T* in, T* out, StripScratch<T>& scratch) {
   constexpr std::size_t lanes = kStripLanes<T>, register_lanes = kRegisterLanes<T>, block = kRowsAtOnce;
   const std::size_t reach = taps.reach(), count = all.count, inner = all.inner;
-  const std::size_t width = at_most(lanes, inner, number % all.of_slab<T>() * lanes);
+  const std::size_t width = all.width<T>(number);
   const T* from = in + all.offset<T>(number);
   T* to = out + all.offset<T>(number);
   T* rows = scratch.rows;
@@ -214,19 +218,18 @@ void convolve_strip(const Strips& all, std::size_t number, const MirroredTaps<T>
   // What is read anyhow is better written where it then lies.
   const bool passes_caches = is_far && !adds && in != out && inner % register_lanes == 0 &&
                              reinterpret_cast<std::uintptr_t>(to) % kRegisterBytes == 0;
-  // What the next strip reads, and writes by way of the caches, is fetched meanwhile, as many rows at a time as make
-  // them all: no machine foresees rows that are so far apart.
-  const bool is_last = number + 1 == all.all<T>(), fetches_written = is_far && in != out && !passes_caches;
-  std::size_t soon = is_last ? 0 : all.offset<T>(number + 1), left = is_last ? 0 : count;
+  // What the next strip reads is fetched meanwhile, as many rows at a time as make them all: no machine foresees rows
+  // that are so far apart.
+  const bool is_last = number + 1 == all.all<T>();
+  const T* soon = in + (is_last ? 0 : all.offset<T>(number + 1));
+  const std::size_t next_width = is_last ? 0 : all.width<T>(number + 1);
+  std::size_t left = is_last ? 0 : count;
   const std::size_t parts = (wide + kPartLanes<T> - 1) / kPartLanes<T>, blocks = whole / block * parts;
   const std::size_t at_once = blocks > 0 ? (count + blocks - 1) / blocks : 0;
   for (std::size_t first_lane = 0; first_lane < wide; first_lane += kPartLanes<T>)
     for (std::size_t row = begin; row < begin + whole; row += block) {
       for (std::size_t k = std::min(at_once, left); k-- > 0; --left, soon += inner)
-        for (std::size_t i = soon; i < soon + lanes; i += 64 / sizeof(T)) {
-          __builtin_prefetch(in + i, 0, 2);
-          if (fetches_written) __builtin_prefetch(out + i, 1, 2);
-        }
+        for (std::size_t i = 0; i < next_width; i += 64 / sizeof(T)) __builtin_prefetch(soon + i, 0, 2);
       const std::size_t some = at_most(kPartLanes<T>, wide, first_lane);
       const auto registers = static_cast<int>(some / register_lanes);
       const T* values = rows + row * lanes + first_lane;

@@ -269,8 +269,10 @@ std::size_t memory_estimate(const ImageGrid<Dim>& fixed, const ImageGrid<Dim>& m
   // At the end, beside velocities and map: both images at full resolution with what they are made of, what warps them
   // and the similarity; then the fields, of the inverse some slabs on their way and how far it is off; then what a slip
   // surface is looked for in, see JumpDensity.
-  const double similarity =
-      full * (6 + similarity_scratch(options.similarity, Dim)) * kScalar + full_moving * 3 * kScalar;
+  const int threads = options.threads > 0 ? options.threads : threads_of_loop(fixed.voxels());
+  const double similarity = full * (6 + similarity_scratch(options.similarity, Dim)) * kScalar +
+                            full_moving * 3 * kScalar +
+                            similarity_tables(options.similarity, options.similarity_parameters, threads);
   const double fields = full * (kVector<Dim> + 2 * kScalar) + full_moving * kVector<Dim>;
   const double under_way =
       full_moving * (kVector<Dim> * std::min(1.0, 1.0 * kSlabsAtOnce<Dim> / moving.size[Dim - 1]) + kScalar);

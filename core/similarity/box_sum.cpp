@@ -10,7 +10,7 @@ namespace saltus {
 
 namespace {
 
-constexpr std::size_t kStrip = 256;  ///< rows that run together: their sums stay in the nearest cache
+constexpr std::size_t kStrip = 256;  ///< lines that are summed together: their sums stay in the nearest cache
 
 /// With `Width` known (0: not), sums stay in registers.
 template <std::size_t Width, class T>
@@ -88,8 +88,8 @@ void sum_few_along(int length, int radius, std::size_t channels, const T* in, T*
   for (int i = end; i < length; ++i) put(i, i + 1);
 }
 
-}  // namespace
-
+/// out_i = sum of in_j over |j - i| <= radius, cut at the ends, of `length` rows of `width` values side by side; rows
+/// are `in_stride` and `out_stride` values apart. `in` and `out` must not overlap.
 template <class T>
 void box_sum_rows(int length, int radius, std::size_t width, const T* in, std::size_t in_stride, T* out,
                   std::size_t out_stride) {
@@ -108,87 +108,95 @@ void box_sum_rows(int length, int radius, std::size_t width, const T* in, std::s
                         out_stride);
 }
 
-namespace {
-
-/// Lines of `length` values along one axis, which lie side by side in `width` columns: rows `stride` apart.
-template <class T>
-struct Lines {
+/// The lines along one axis, of which `across` lie side by side: as far is it from a value to the next one.
+struct Axis {
   int length, radius;
-  std::size_t width, stride;
+  std::size_t across;
 
-  bool need_sums() const { return radius > 0 && length > 1; }
+  bool needs_sums() const { return radius > 0 && length > 1; }
+  bool is_summed_anew() const { return std::min(radius, length - 1) <= kFewAside; }
+  /// Lines that are summed together, by way of a copy that the second cache holds.
+  std::size_t strip() const {
+    constexpr std::size_t fewest = 16, values = 1 << 16;
+    return is_summed_anew() ? kStrip : std::clamp(values / static_cast<std::size_t>(length), fewest, kStrip);
+  }
+  std::size_t strips() const { return (across + strip() - 1) / strip(); }
+  /// Values of that copy: running sums need all that has been written over, others a few rows.
+  std::size_t copied() const {
+    return std::min(strip(), across) * static_cast<std::size_t>(is_summed_anew() ? kFewAside + 1 : length);
+  }
 };
 
-/// In place, a strip of columns at a time. `copy` holds what is needed of the rows that are written over already.
+/// Lines from `first` on, in place.
 template <class T>
-void sum_lines(const Lines<T>& lines, std::size_t begin, T* field, std::vector<T>& copy) {
-  const std::size_t width = std::min(kStrip, lines.width - begin), stride = lines.stride;
-  const int length = lines.length, radius = std::min(lines.radius, length - 1);
-  T* strip = field + begin;
-  if (radius > kFewAside) {
-    copy.resize(std::max(copy.size(), static_cast<std::size_t>(length) * width));
-    for (int i = 0; i < length; ++i)
-      std::copy_n(strip + static_cast<std::size_t>(i) * stride, width,
-                  copy.data() + static_cast<std::size_t>(i) * width);
-    return box_sum_rows(length, radius, width, copy.data(), width, strip, stride);
+void sum_strip(const Axis& axis, std::size_t first, T* field, T* copy) {
+  const std::size_t width = std::min(axis.strip(), axis.across - first);
+  const int radius = std::min(axis.radius, axis.length - 1);
+  const auto row = [&](int i) { return field + first + static_cast<std::size_t>(i) * axis.across; };
+  if (!axis.is_summed_anew()) {
+    for (int i = 0; i < axis.length; ++i) std::copy_n(row(i), width, copy + static_cast<std::size_t>(i) * width);
+    return box_sum_rows(axis.length, radius, width, copy, width, row(0), axis.across);
   }
-  constexpr int kept = kFewAside + 1;
-  copy.resize(std::max(copy.size(), kept * width));
-  const auto kept_row = [&](int i) { return copy.data() + static_cast<std::size_t>(i % kept) * width; };
-  for (int i = 0; i < length; ++i) {
-    T* own = strip + static_cast<std::size_t>(i) * stride;
-    std::copy_n(own, width, kept_row(i));
-    const int first = std::max(0, i - radius), last = std::min(length - 1, i + radius);
-    const auto row = [&](int k) -> const T* {
-      return first + k <= i ? kept_row(first + k) : strip + static_cast<std::size_t>(first + k) * stride;
-    };
-    sum_rows(last - first + 1, width, row, own);
+  const auto kept = [&](int i) { return copy + static_cast<std::size_t>(i % (kFewAside + 1)) * width; };
+  for (int i = 0; i < axis.length; ++i) {
+    std::copy_n(row(i), width, kept(i));
+    const int begin = std::max(0, i - radius), end = std::min(axis.length, i + radius + 1);
+    const auto before = [&](int k) -> const T* { return begin + k <= i ? kept(begin + k) : row(begin + k); };
+    sum_rows(end - begin, width, before, row(i));
   }
 }
 
-/// The same along rows of `length` samples with `channels` values each.
+/// The same along x, for one row: `across` are its channels.
 template <class T>
-void sum_row(int length, int radius, std::size_t channels, T* row, std::vector<T>& copy) {
-  const std::size_t values = static_cast<std::size_t>(length) * channels;
-  copy.resize(std::max(copy.size(), values));
-  std::copy_n(row, values, copy.data());
-  if (radius <= kFewAside)
-    sum_few_along(length, radius, channels, copy.data(), row);
+void sum_row(const Axis& axis, T* row, T* copy) {
+  std::copy_n(row, static_cast<std::size_t>(axis.length) * axis.across, copy);
+  if (axis.is_summed_anew())
+    sum_few_along(axis.length, axis.radius, axis.across, copy, row);
   else
-    box_sum_rows(length, radius, channels, copy.data(), channels, row, channels);
+    box_sum_rows(axis.length, axis.radius, axis.across, copy, axis.across, row, axis.across);
 }
 
 }  // namespace
 
 template <int Dim, class T>
 void BoxSum<Dim, T>::apply(int channels, T* field) const {
-  const auto values = static_cast<std::size_t>(channels);
-  const std::size_t row = values * static_cast<std::size_t>(lattice_.size[0]),
-                    rows = lattice_.sites() / static_cast<std::size_t>(lattice_.size[0]);
-  const auto length = [&](int axis) { return lattice_.size[axis]; };
-  // Along x, and in space along y as long as a plane is in the cache; then across all of these.
-  const std::size_t rows_of_slab = Dim == 3 ? static_cast<std::size_t>(length(1)) : 1, slab = rows_of_slab * row;
-  const Lines<T> along_y{Dim == 3 ? length(1) : 1, Dim == 3 ? radius_[1] : 0, row, row},
-      across{length(Dim - 1), radius_[Dim - 1], slab, slab};
-#pragma omp parallel if (is_worth_threads(lattice_.sites() * values))
+  const auto length = [&](int axis) { return static_cast<std::size_t>(lattice_.size[axis]); };
+  const std::size_t row = static_cast<std::size_t>(channels) * length(0);
+  const std::size_t rows_of_slab = Dim == 3 ? length(1) : 1, slab = rows_of_slab * row, slabs = length(Dim - 1);
+  const Axis x{lattice_.size[0], radius_[0], static_cast<std::size_t>(channels)};
+  const Axis y{Dim == 3 ? lattice_.size[1] : 1, radius_[1], row}, last{lattice_.size[Dim - 1], radius_[Dim - 1], slab};
+  const std::size_t copied = std::max({row, y.copied(), last.copied()});
+  // A slab is summed along x and y at once, while the cache still holds it, unless there are too few to share out.
+  const auto threads = static_cast<std::size_t>(threads_of_loop(slabs * slab));
+  const bool shares_slabs = (slabs + threads - 1) / threads * threads > slabs + slabs / 4;
+#pragma omp parallel num_threads(static_cast <int>(threads))
   {
-    std::vector<T> copy;
+    std::vector<T> copy(copied);
+    const auto along_x = [&](std::size_t which) {
+      if (x.needs_sums()) sum_row(x, field + which * row, copy.data());
+    };
+    const auto along_y = [&](std::size_t which, std::size_t strip) {
+      if (y.needs_sums()) sum_strip(y, strip * y.strip(), field + which * slab, copy.data());
+    };
+    if (shares_slabs) {
 #pragma omp for schedule(static)
-    for (std::size_t first = 0; first < rows; first += rows_of_slab) {
-      T* from = field + first * row;
-      if (length(0) > 1 && radius_[0] > 0)
-        for (std::size_t k = 0; k < rows_of_slab; ++k) sum_row(length(0), radius_[0], values, from + k * row, copy);
-      if (along_y.need_sums())
-        for (std::size_t begin = 0; begin < row; begin += kStrip) sum_lines(along_y, begin, from, copy);
+      for (std::size_t k = 0; k < slabs * rows_of_slab; ++k) along_x(k);
+#pragma omp for collapse(2) schedule(static)
+      for (std::size_t which = 0; which < slabs; ++which)
+        for (std::size_t strip = 0; strip < y.strips(); ++strip) along_y(which, strip);
+    } else {
+#pragma omp for schedule(static)
+      for (std::size_t which = 0; which < slabs; ++which) {
+        for (std::size_t k = 0; k < rows_of_slab; ++k) along_x(which * rows_of_slab + k);
+        for (std::size_t strip = 0; strip < y.strips(); ++strip) along_y(which, strip);
+      }
     }
-    if (across.need_sums())
 #pragma omp for schedule(static)
-      for (std::size_t begin = 0; begin < slab; begin += kStrip) sum_lines(across, begin, field, copy);
+    for (std::size_t strip = 0; strip < last.strips(); ++strip)
+      if (last.needs_sums()) sum_strip(last, strip * last.strip(), field, copy.data());
   }
 }
 
-template void box_sum_rows(int, int, std::size_t, const float*, std::size_t, float*, std::size_t);
-template void box_sum_rows(int, int, std::size_t, const double*, std::size_t, double*, std::size_t);
 template class BoxSum<2, float>;
 template class BoxSum<3, float>;
 template class BoxSum<2, double>;

@@ -59,8 +59,9 @@ double similarity_tables(SimilarityType type, const SimilarityOptions& parameter
     case SimilarityType::Ncc:
     case SimilarityType::Ngf:
       return 0;
+    case SimilarityType::Mind:  // strips of lines, of up to 4096 samples, and rows
+      return threads * 512.0 * 1024.0;
     case SimilarityType::Lncc:  // planes of a few rows that fit a second-level cache
-    case SimilarityType::Mind:  // strips of columns; the same
       return threads * 1024.0 * 1024.0;
     case SimilarityType::Mi:  // histograms that are filled side by side, and their sum
       return 33.0 * sizeof(double) * (static_cast<double>(parameters.mi_bins) * parameters.mi_bins + 1);

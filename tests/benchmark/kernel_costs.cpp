@@ -158,17 +158,19 @@ class Scene {
            }});
     }
 
-    // Three differences of each image, doubled and scaled; three inner products of these; two quotients and eight more
-    // for the value and what its gradient shares; per axis three operations for a dual and three to collect them.
+    // Per axis and image a difference and its scale; per axis three products and sums; three quotients and seven more
+    // operations for the value and for what its gradient shares; per axis three for a dual and three to collect them.
     similarities_.push_back(make_gradient_fields<3, float>(lattice_, 0));
-    add_similarity(list, "gradient fields", 3 * kScalar, 2 * 3 * 2 + 3 * 3 * 2 + 10 + 3 * (3 + 3));
+    add_similarity(list, "gradient fields", 3 * kScalar, 3 * (2 * 2 + 3 * 2 + 3 + 3) + 3 + 7);
     // Beside the warped image the twelve descriptors of the fixed one are read. For each of six directions: a
-    // difference, its square, a window sum (two operations along each axis) and the same on the way back, with two
-    // duals added, where each difference counts for both of its samples. For each of twelve pairs: its part of the
-    // mean, an exponential (a power series and what it is reduced by), the difference to the other's, its square and
-    // sum, and six operations for its dual. Eight for the mean, its inverse and their dual.
+    // difference, its square and scale, a window sum (two operations along each axis); on the way back two duals added
+    // and scaled, a window sum, and for both samples of a difference a product, added. For each of twelve pairs: its
+    // part of the mean, its quotient by that, an exponential (its argument bounded and taken apart, a power series of
+    // seven products and sums), the difference to the other's, its square and sum, and five operations for its dual.
+    // Five for the mean and its inverse, and for what their dual shares.
     similarities_.push_back(make_self_similarity<3, float>(lattice_, 1.0, 1.0));
-    add_similarity(list, "self-similarity", (2 + 12) * kScalar, 6 * (3 + 6 + 2 + 6 + 5) + 12 * (1 + 24 + 3 + 6) + 8);
+    add_similarity(list, "self-similarity", (2 + 12) * kScalar,
+                   6 * ((3 + 6) + (2 + 6 + 2 * 2)) + 12 * (1 + 1 + (9 + 7 * 2) + 3 + 5) + 5);
     return list;
   }
 

@@ -9,20 +9,24 @@ namespace saltus {
 namespace {
 
 // Oracle: the sum over the box, term by term.
-template <class T>
-void expect_brute_force(const Index<3>& size, const Index<3>& radius, int channels, double tolerance) {
-  const Lattice<3> lattice{size, {1, 1, 1}, {}};
+template <int Dim, class T>
+void expect_brute_force(const Index<Dim>& size, const Index<Dim>& radius, int channels, double tolerance) {
+  Lattice<Dim> lattice;
+  lattice.size = size;
+  lattice.spacing.fill(1);
   const auto values = testing::random_values(lattice.sites() * static_cast<std::size_t>(channels), 1);
   std::vector<T> field(values.begin(), values.end());
   const std::vector<T> before = field;
-  BoxSum<3, T>(lattice, radius).apply(channels, field.data());
+  BoxSum<Dim, T>(lattice, radius).apply(channels, field.data());
+  const auto last = [](const auto& of) { return Dim == 3 ? of[Dim - 1] : 0; };  // an axis more with a single plane
+  const int planes = Dim == 3 ? size[Dim - 1] : 1;
   const auto site_of = [&](int x, int y, int z) { return static_cast<std::size_t>(x + size[0] * (y + size[1] * z)); };
-  for (int z = 0; z < size[2]; ++z)
+  for (int z = 0; z < planes; ++z)
     for (int y = 0; y < size[1]; ++y)
       for (int x = 0; x < size[0]; ++x)
         for (int c = 0; c < channels; ++c) {
           double expected = 0;
-          for (int k = std::max(0, z - radius[2]); k <= std::min(size[2] - 1, z + radius[2]); ++k)
+          for (int k = std::max(0, z - last(radius)); k <= std::min(planes - 1, z + last(radius)); ++k)
             for (int j = std::max(0, y - radius[1]); j <= std::min(size[1] - 1, y + radius[1]); ++j)
               for (int i = std::max(0, x - radius[0]); i <= std::min(size[0] - 1, x + radius[0]); ++i)
                 expected += before[site_of(i, j, k) * channels + c];
@@ -32,17 +36,29 @@ void expect_brute_force(const Index<3>& size, const Index<3>& radius, int channe
 
 TEST(BoxSum, EqualsTheSumOverTheBox) {
   for (const Index<3>& radius : {Index<3>{0, 0, 0}, {1, 1, 1}, {3, 0, 2}, {2, 9, 40}}) {
-    expect_brute_force<double>({7, 5, 6}, radius, 1, 1e-12);
-    expect_brute_force<double>({130, 3, 4}, radius, 3, 1e-12);  // rows of more than one strip
-    expect_brute_force<double>({5, 1, 4}, radius, 2, 1e-12);
-    expect_brute_force<float>({7, 5, 6}, radius, 6, 3e-5);
+    expect_brute_force<3, double>({7, 5, 6}, radius, 1, 1e-12);
+    expect_brute_force<3, double>({130, 3, 4}, radius, 3, 1e-12);  // rows of more than one strip
+    expect_brute_force<3, double>({5, 1, 4}, radius, 2, 1e-12);
+    expect_brute_force<3, double>({1, 2, 300}, radius, 1, 1e-12);  // strips of fewer lines
+    expect_brute_force<3, double>({2, 4, 1}, radius, 1, 1e-12);
+    expect_brute_force<3, float>({7, 5, 6}, radius, 6, 3e-5);
   }
   // Running sums that rows enter and leave, along all axes; rows of more than one strip.
-  expect_brute_force<double>({11, 12, 13}, {4, 3, 5}, 1, 1e-12);
-  expect_brute_force<double>({300, 9, 8}, {3, 3, 3}, 1, 1e-12);
+  expect_brute_force<3, double>({11, 12, 13}, {4, 3, 5}, 1, 1e-12);
+  expect_brute_force<3, double>({300, 9, 8}, {3, 3, 3}, 1, 1e-12);
 }
 
-// Threads share slabs and then strips across them, each in place: the same sums, bit by bit, however many there are.
+TEST(BoxSum, EqualsTheSumOverTheBoxInThePlane) {
+  for (const Index<2>& radius : {Index<2>{0, 2}, {1, 4}, {5, 1}, {3, 20}}) {
+    expect_brute_force<2, double>({300, 9}, radius, 1, 1e-12);
+    expect_brute_force<2, double>({9, 300}, radius, 2, 1e-12);
+    expect_brute_force<2, double>({1, 7}, radius, 1, 1e-12);
+    expect_brute_force<2, double>({7, 2}, radius, 1, 1e-12);
+  }
+}
+
+// Threads share slabs or, where these are few, their rows and strips, and then strips across them, each in place: the
+// same sums, bit by bit, however many there are.
 TEST(BoxSum, DoesNotDependOnTheNumberOfThreads) {
   const testing::ManyThreads many;
   const Lattice<3> space{{70, 9, 11}, {1, 1, 1}, {}};
