@@ -67,20 +67,15 @@ template <class T, class Row>
   }
 }
 
-/// The same of rows that are `apart`.
-template <class T>
-void sum_few(int terms, std::size_t apart, std::size_t width, const T* from, T* to) {
-  sum_rows(
-      terms, width, [&](int i) { return from + static_cast<std::size_t>(i) * apart; }, to);
-}
-
 /// Along lines of samples with `channels` values each, which follow each other.
 template <class T>
 void sum_few_along(int length, int radius, std::size_t channels, const T* in, T* out) {
   const auto put = [&](int from, int to) {  // of samples that see as many others as the first of them
     const int first = std::max(0, from - radius), last = std::min(length - 1, from + radius);
-    sum_few(last - first + 1, channels, static_cast<std::size_t>(to - from) * channels,
-            in + static_cast<std::size_t>(first) * channels, out + static_cast<std::size_t>(from) * channels);
+    sum_rows(
+        last - first + 1, static_cast<std::size_t>(to - from) * channels,
+        [&](int i) { return in + static_cast<std::size_t>(first + i) * channels; },
+        out + static_cast<std::size_t>(from) * channels);
   };
   const int begin = std::min(radius, length), end = std::max(begin, length - radius);
   for (int i = 0; i < begin; ++i) put(i, i + 1);
@@ -88,72 +83,62 @@ void sum_few_along(int length, int radius, std::size_t channels, const T* in, T*
   for (int i = end; i < length; ++i) put(i, i + 1);
 }
 
-/// out_i = sum of in_j over |j - i| <= radius, cut at the ends, of `length` rows of `width` values side by side; rows
-/// are `in_stride` and `out_stride` values apart. `in` and `out` must not overlap.
-template <class T>
-void box_sum_rows(int length, int radius, std::size_t width, const T* in, std::size_t in_stride, T* out,
-                  std::size_t out_stride) {
-  radius = std::min(radius, length - 1);
-  if (radius <= kFewAside) {
-    for (int i = 0; i < length; ++i) {
-      const int first = std::max(0, i - radius), last = std::min(length - 1, i + radius);
-      sum_few(last - first + 1, in_stride, width, in + static_cast<std::size_t>(first) * in_stride,
-              out + static_cast<std::size_t>(i) * out_stride);
-    }
-    return;
-  }
-  if (width == 1) return add_running_sums<1>(length, radius, width, in, in_stride, out, out_stride);  // along x
-  for (std::size_t begin = 0; begin < width; begin += kStrip)
-    add_running_sums<0>(length, radius, std::min(kStrip, width - begin), in + begin, in_stride, out + begin,
-                        out_stride);
-}
-
-/// The lines along one axis, of which `across` lie side by side: as far is it from a value to the next one.
+/// The lines along one axis, of which `across` lie side by side, so that a line's values are as far apart.
 struct Axis {
+  Axis(int values, int reach, std::size_t lines) : length(values), radius(std::min(reach, values - 1)), across(lines) {}
+
   int length, radius;
   std::size_t across;
 
-  bool needs_sums() const { return radius > 0 && length > 1; }
-  bool is_summed_anew() const { return std::min(radius, length - 1) <= kFewAside; }
+  bool needs_sums() const { return radius > 0; }
+  bool is_summed_anew() const { return radius <= kFewAside; }
   /// Lines that are summed together, by way of a copy that the second cache holds.
-  std::size_t strip() const {
-    constexpr std::size_t fewest = 16, values = 1 << 16;
-    return is_summed_anew() ? kStrip : std::clamp(values / static_cast<std::size_t>(length), fewest, kStrip);
+  template <class T>
+  std::size_t lines_of_strip() const {
+    constexpr std::size_t fewest = 64 / sizeof(T);
+    if (is_summed_anew()) return kStrip;
+    return std::clamp(kBoxSumCopy / sizeof(T) / static_cast<std::size_t>(length), fewest, kStrip);
   }
-  std::size_t strips() const { return (across + strip() - 1) / strip(); }
+  template <class T>
+  std::size_t strips() const {
+    return (across + lines_of_strip<T>() - 1) / lines_of_strip<T>();
+  }
   /// Values of that copy: running sums need all that has been written over, others a few rows.
-  std::size_t copied() const {
-    return std::min(strip(), across) * static_cast<std::size_t>(is_summed_anew() ? kFewAside + 1 : length);
+  template <class T>
+  std::size_t copy_size() const {
+    return std::min(lines_of_strip<T>(), across) * static_cast<std::size_t>(is_summed_anew() ? kFewAside + 1 : length);
   }
 };
 
-/// Lines from `first` on, in place.
+/// One strip of lines, in place.
 template <class T>
-void sum_strip(const Axis& axis, std::size_t first, T* field, T* copy) {
-  const std::size_t width = std::min(axis.strip(), axis.across - first);
-  const int radius = std::min(axis.radius, axis.length - 1);
+void sum_strip(const Axis& axis, std::size_t strip, T* field, T* copy) {
+  const std::size_t first = strip * axis.lines_of_strip<T>();
+  const std::size_t width = std::min(axis.lines_of_strip<T>(), axis.across - first);
   const auto row = [&](int i) { return field + first + static_cast<std::size_t>(i) * axis.across; };
   if (!axis.is_summed_anew()) {
     for (int i = 0; i < axis.length; ++i) std::copy_n(row(i), width, copy + static_cast<std::size_t>(i) * width);
-    return box_sum_rows(axis.length, radius, width, copy, width, row(0), axis.across);
+    return add_running_sums<0>(axis.length, axis.radius, width, copy, width, row(0), axis.across);
   }
   const auto kept = [&](int i) { return copy + static_cast<std::size_t>(i % (kFewAside + 1)) * width; };
   for (int i = 0; i < axis.length; ++i) {
     std::copy_n(row(i), width, kept(i));
-    const int begin = std::max(0, i - radius), end = std::min(axis.length, i + radius + 1);
-    const auto before = [&](int k) -> const T* { return begin + k <= i ? kept(begin + k) : row(begin + k); };
-    sum_rows(end - begin, width, before, row(i));
+    const int begin = std::max(0, i - axis.radius), end = std::min(axis.length, i + axis.radius + 1);
+    const auto unsummed = [&](int k) -> const T* { return begin + k <= i ? kept(begin + k) : row(begin + k); };
+    sum_rows(end - begin, width, unsummed, row(i));
   }
 }
 
-/// The same along x, for one row: `across` are its channels.
+/// Along x, one row in place; what lies side by side are its channels.
 template <class T>
 void sum_row(const Axis& axis, T* row, T* copy) {
-  std::copy_n(row, static_cast<std::size_t>(axis.length) * axis.across, copy);
-  if (axis.is_summed_anew())
-    sum_few_along(axis.length, axis.radius, axis.across, copy, row);
-  else
-    box_sum_rows(axis.length, axis.radius, axis.across, copy, axis.across, row, axis.across);
+  const std::size_t channels = axis.across;
+  std::copy_n(row, static_cast<std::size_t>(axis.length) * channels, copy);
+  if (axis.is_summed_anew()) return sum_few_along(axis.length, axis.radius, channels, copy, row);
+  if (channels == 1) return add_running_sums<1>(axis.length, axis.radius, 1, copy, 1, row, 1);
+  for (std::size_t c = 0; c < channels; c += kStrip)
+    add_running_sums<0>(axis.length, axis.radius, std::min(kStrip, channels - c), copy + c, channels, row + c,
+                        channels);
 }
 
 }  // namespace
@@ -163,37 +148,38 @@ void BoxSum<Dim, T>::apply(int channels, T* field) const {
   const auto length = [&](int axis) { return static_cast<std::size_t>(lattice_.size[axis]); };
   const std::size_t row = static_cast<std::size_t>(channels) * length(0);
   const std::size_t rows_of_slab = Dim == 3 ? length(1) : 1, slab = rows_of_slab * row, slabs = length(Dim - 1);
-  const Axis x{lattice_.size[0], radius_[0], static_cast<std::size_t>(channels)};
-  const Axis y{Dim == 3 ? lattice_.size[1] : 1, radius_[1], row}, last{lattice_.size[Dim - 1], radius_[Dim - 1], slab};
-  const std::size_t copied = std::max({row, y.copied(), last.copied()});
+  const Axis x(lattice_.size[0], radius_[0], static_cast<std::size_t>(channels));
+  const Axis y(Dim == 3 ? lattice_.size[1] : 1, radius_[1], row);  // in the plane of length 1: there is nothing to sum
+  const Axis last(lattice_.size[Dim - 1], radius_[Dim - 1], slab);
+  const std::size_t copy_size = std::max({row, y.copy_size<T>(), last.copy_size<T>()});
   // A slab is summed along x and y at once, while the cache still holds it, unless there are too few to share out.
   const auto threads = static_cast<std::size_t>(threads_of_loop(slabs * slab));
   const bool shares_slabs = (slabs + threads - 1) / threads * threads > slabs + slabs / 4;
 #pragma omp parallel num_threads(static_cast <int>(threads))
   {
-    std::vector<T> copy(copied);
+    std::vector<T> copy(copy_size);
     const auto along_x = [&](std::size_t which) {
       if (x.needs_sums()) sum_row(x, field + which * row, copy.data());
     };
     const auto along_y = [&](std::size_t which, std::size_t strip) {
-      if (y.needs_sums()) sum_strip(y, strip * y.strip(), field + which * slab, copy.data());
+      if (y.needs_sums()) sum_strip(y, strip, field + which * slab, copy.data());
     };
     if (shares_slabs) {
 #pragma omp for schedule(static)
       for (std::size_t k = 0; k < slabs * rows_of_slab; ++k) along_x(k);
 #pragma omp for collapse(2) schedule(static)
       for (std::size_t which = 0; which < slabs; ++which)
-        for (std::size_t strip = 0; strip < y.strips(); ++strip) along_y(which, strip);
+        for (std::size_t strip = 0; strip < y.strips<T>(); ++strip) along_y(which, strip);
     } else {
 #pragma omp for schedule(static)
       for (std::size_t which = 0; which < slabs; ++which) {
         for (std::size_t k = 0; k < rows_of_slab; ++k) along_x(which * rows_of_slab + k);
-        for (std::size_t strip = 0; strip < y.strips(); ++strip) along_y(which, strip);
+        for (std::size_t strip = 0; strip < y.strips<T>(); ++strip) along_y(which, strip);
       }
     }
 #pragma omp for schedule(static)
-    for (std::size_t strip = 0; strip < last.strips(); ++strip)
-      if (last.needs_sums()) sum_strip(last, strip * last.strip(), field, copy.data());
+    for (std::size_t strip = 0; strip < last.strips<T>(); ++strip)
+      if (last.needs_sums()) sum_strip(last, strip, field, copy.data());
   }
 }
 

@@ -2,7 +2,12 @@
 
 #include "core/grid/lattice.h"
 
+#include <cstddef>
+
 namespace saltus {
+
+/// Bytes that a thread copies at a time, unless lines have more than 4096 values (then 64 for each).
+constexpr std::size_t kBoxSumCopy = 256 << 10;
 
 /// Sums over boxes [i - radius, i + radius] per axis, cut at the lattice's border, of an interleaved field. By running
 /// sums in double, from the first value of a line to the last: the cost does not depend on the radius. Boxes of up to
@@ -12,8 +17,8 @@ class BoxSum {
  public:
   BoxSum(const Lattice<Dim>& lattice, const Index<Dim>& radius) : lattice_(lattice), radius_(radius) {}
 
-  /// In place: where the second cache holds a plane, memory sees the field twice. Threads share it out; sums do not
-  /// depend on how many there are.
+  /// In place: memory sees the field twice, or three times where planes are too few for the threads, or too large for
+  /// the second cache. Sums do not depend on the number of threads.
   void apply(int channels, T* field) const;
 
  private:

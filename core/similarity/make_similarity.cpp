@@ -1,3 +1,4 @@
+#include "core/similarity/box_sum.h"
 #include "core/similarity/similarity.h"
 #include "core/support/errors.h"
 
@@ -59,8 +60,8 @@ double similarity_tables(SimilarityType type, const SimilarityOptions& parameter
     case SimilarityType::Ncc:
     case SimilarityType::Ngf:
       return 0;
-    case SimilarityType::Mind:  // strips of lines, of up to 4096 samples, and rows
-      return threads * 512.0 * 1024.0;
+    case SimilarityType::Mind:
+      return threads * static_cast<double>(kBoxSumCopy);
     case SimilarityType::Lncc:  // planes of a few rows that fit a second-level cache
       return threads * 1024.0 * 1024.0;
     case SimilarityType::Mi:  // histograms that are filled side by side, and their sum

@@ -133,7 +133,7 @@ TEST(MemoryEstimate, IsABoundForEachSimilarity) {
   }
 }
 
-// Of a size at which a few fields of its many that are forgotten are more than what is counted for each thread.
+// Of a size at which six of its 48 fields that are forgotten are more than what is counted to be safe.
 TEST(MemoryEstimate, IsABoundForSelfSimilarityWithMasks) {
   Case one(Model::Gaussian, SimilarityType::Mind, Preset::Balanced, 3);
   one.add_masks();
