@@ -67,15 +67,13 @@ template <class T, class Row>
   }
 }
 
-/// Along lines of samples with `channels` values each, which follow each other.
+/// Along a line whose values follow each other.
 template <class T>
-void sum_few_along(int length, int radius, std::size_t channels, const T* in, T* out) {
+void sum_few_along(int length, int radius, const T* in, T* out) {
   const auto put = [&](int from, int to) {  // of samples that see as many others as the first of them
     const int first = std::max(0, from - radius), last = std::min(length - 1, from + radius);
     sum_rows(
-        last - first + 1, static_cast<std::size_t>(to - from) * channels,
-        [&](int i) { return in + static_cast<std::size_t>(first + i) * channels; },
-        out + static_cast<std::size_t>(from) * channels);
+        last - first + 1, static_cast<std::size_t>(to - from), [&](int i) { return in + first + i; }, out + from);
   };
   const int begin = std::min(radius, length), end = std::max(begin, length - radius);
   for (int i = 0; i < begin; ++i) put(i, i + 1);
@@ -129,26 +127,22 @@ void sum_strip(const Axis& axis, std::size_t strip, T* field, T* copy) {
   }
 }
 
-/// Along x, one row in place; what lies side by side are its channels.
+/// Along x, one row in place.
 template <class T>
 void sum_row(const Axis& axis, T* row, T* copy) {
-  const std::size_t channels = axis.across;
-  std::copy_n(row, static_cast<std::size_t>(axis.length) * channels, copy);
-  if (axis.is_summed_anew()) return sum_few_along(axis.length, axis.radius, channels, copy, row);
-  if (channels == 1) return add_running_sums<1>(axis.length, axis.radius, 1, copy, 1, row, 1);
-  for (std::size_t c = 0; c < channels; c += kStrip)
-    add_running_sums<0>(axis.length, axis.radius, std::min(kStrip, channels - c), copy + c, channels, row + c,
-                        channels);
+  std::copy_n(row, static_cast<std::size_t>(axis.length), copy);
+  if (axis.is_summed_anew()) return sum_few_along(axis.length, axis.radius, copy, row);
+  add_running_sums<1>(axis.length, axis.radius, 1, copy, 1, row, 1);
 }
 
 }  // namespace
 
 template <int Dim, class T>
-void BoxSum<Dim, T>::apply(int channels, T* field) const {
+void BoxSum<Dim, T>::apply(T* field) const {
   const auto length = [&](int axis) { return static_cast<std::size_t>(lattice_.size[axis]); };
-  const std::size_t row = static_cast<std::size_t>(channels) * length(0);
-  const std::size_t rows_of_slab = Dim == 3 ? length(1) : 1, slab = rows_of_slab * row, slabs = length(Dim - 1);
-  const Axis x(lattice_.size[0], radius_[0], static_cast<std::size_t>(channels));
+  const std::size_t row = length(0), rows_of_slab = Dim == 3 ? length(1) : 1, slab = rows_of_slab * row,
+                    slabs = length(Dim - 1);
+  const Axis x(lattice_.size[0], radius_[0], 1);
   const Axis y(Dim == 3 ? lattice_.size[1] : 1, radius_[1], row);  // in the plane of length 1: there is nothing to sum
   const Axis last(lattice_.size[Dim - 1], radius_[Dim - 1], slab);
   const std::size_t copy_size = std::max({row, y.copy_size<T>(), last.copy_size<T>()});

@@ -195,7 +195,7 @@ class SelfSimilarity final : public Similarity<Dim, T> {
       }
       return 0.0;
     });
-    for (std::size_t j = 0; j < directions_.size(); ++j) box_.apply(1, distances.data() + j * sites_);
+    for (std::size_t j = 0; j < directions_.size(); ++j) box_.apply(distances.data() + j * sites_);
   }
 
   /// The distances of the pairs of each sample, and 1 / (their mean + floor).
@@ -313,7 +313,7 @@ class SelfSimilarity final : public Similarity<Dim, T> {
       }
       return 0.0;
     });
-    for (std::size_t j = 0; j < directions_.size(); ++j) box_.apply(1, distances.data() + j * sites_);
+    for (std::size_t j = 0; j < directions_.size(); ++j) box_.apply(distances.data() + j * sites_);
     sum_of_pieces(lattice_, [&](const Piece& piece) {
       const T *own = image + piece.site, *of_own = weights ? weights + piece.site : nullptr;
       T image_part[kLongestPiece] = {}, weight_part[kLongestPiece] = {};
